@@ -92,20 +92,14 @@ def _wrong_call(error: Exception) -> tuple[str, int] | None:
     if type(error).__name__ == "NoArgsIsHelpError":
         return "", code
     context = getattr(error, "ctx", None)
-    words = _missing(error) or _sentence(str(format_message()), context)
-    command = getattr(context, "command_path", "prefcal")
-    return f"{words} (help: {command} --help)", code
+    words = ""
+    if type(error).__name__ == "MissingParameter":
+        from prefcal_scenarios.names import NAMES
 
-
-def _missing(error: Exception) -> str:
-    """Return the message for a missing argument; empty for any other error."""
-    if type(error).__name__ != "MissingParameter":
-        return ""
-    from prefcal_scenarios.names import NAMES
-
-    parameter = getattr(error, "param", None)
-    words = _MISSING.get(str(getattr(parameter, "metavar", "")), "")
-    return words.format(scenarios=NAMES)
+        parameter = getattr(error, "param", None)
+        words = _MISSING.get(str(getattr(parameter, "metavar", "")), "").format(scenarios=NAMES)
+    words = words or _sentence(str(format_message()), context)
+    return f"{words} (help: {getattr(context, 'command_path', 'prefcal')} --help)", code
 
 
 def _sentence(words: str, context: object) -> str:

@@ -1,6 +1,5 @@
 """Run `prefcal calibrate`: an open study with all that works on it, until it ends or is stopped."""
 
-import json as json_
 import shlex
 import signal
 import threading
@@ -20,7 +19,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 from rich.text import Text
 
-from prefcal_app.report.export import jsonable, versions
+from prefcal_app.report.export import versions
 from prefcal_app.report.record import (
     VERDICTS,
     Owner,
@@ -63,7 +62,7 @@ from .choices import (
     worth_keeping,
 )
 from .options import Options
-from .studies.files import completed, existing, open_described
+from .studies.files import as_text, completed, existing, open_described
 
 # --- Handle Ctrl-C at any moment: acknowledge it, stop, and keep all results in whole files.
 
@@ -183,12 +182,12 @@ def _fingerprint(options: Options, state: State) -> str:
 
 def references(scenario: Scenario, seed: int, say: Callable[[str], None]) -> dict[str, Experiment]:
     """Run the reference θ; leave out those that fail, since the study itself is complete."""
-    experiments: dict[str, Experiment] = {}
-    if scenario.source.asks:
-        return experiments
-    if scenario.source.hangs and scenario.references:
+    if scenario.source.asks or not scenario.references:
+        return {}
+    if scenario.source.hangs:
         say("The references did not run: the last run had to be ended.")
-        return experiments
+        return {}
+    experiments: dict[str, Experiment] = {}
     for name, theta in scenario.references.items():
         try:
             experiments[name] = scenario.run(theta, seed=seed)
@@ -202,9 +201,8 @@ def as_json(
 ) -> str:
     """Return the result as strict, indented JSON, with null for missing numbers or no report."""
     best = record.best
-    theta = None if best is None else record.scenario.space.named(best.experiment.theta)
     content = {
-        "best": theta,
+        "best": None if best is None else record.scenario.space.named(best.experiment.theta),
         "cost": None if best is None else best.cost,
         "kpis": None if best is None else dict(best.experiment.kpis),
         "experiments": len(record.trials),
@@ -219,7 +217,7 @@ def as_json(
         "study": study,
         "stopped": record.stopped,
     }
-    return json_.dumps(jsonable(content), indent=2, ensure_ascii=False, allow_nan=False)
+    return as_text(content)
 
 
 _SIGNS = {None: ("  ", ""), True: (" ✓", "green"), False: (" ✗", "red")}
@@ -304,8 +302,13 @@ class Calibration:
     def again(self) -> str:
         """Return the command that resumes the study."""
         options = self.options
-        words = ["prefcal", "calibrate", *words_to_resume(options.scenario)]
-        words += ["--study", self.opened.name or ""]
+        words = [
+            "prefcal",
+            "calibrate",
+            *words_to_resume(options.scenario),
+            "--study",
+            self.opened.name or "",
+        ]
         words += [] if options.cost is None else ["--cost", options.cost]
         if options.twin is not None and is_own(options.twin):
             words += ["--twin", options.twin]
@@ -375,13 +378,11 @@ class Calibration:
         options = self.options
         report = self.claim.folder / "report.html" if self.reportable else None
         if options.json:
-            found = as_json(record, options, report, self.opened.name, self._simulated)
-            print(found, flush=True)
+            print(as_json(record, options, report, self.opened.name, self._simulated), flush=True)
         elif report is None:
             self.say("Nothing to report: no experiment was compared.")
         else:
-            # ":100:" in the range of a knob is no emoji
-            console = Console(emoji=False)
+            console = Console(emoji=False)  # ":100:" in the range of a knob is none
             show(record, report, console)
             if not options.by_a_person:  # no program can repeat a person's answers
                 console.print(f"Repeat it: {options.command()}", soft_wrap=True, markup=False)
@@ -449,11 +450,8 @@ def _simulator(stack: ExitStack, opened: Opened, scenario: Scenario, keep: bool)
 
 def _claim(opened: Opened, scenario: str) -> Ownership:
     """Claim the folder of the report: the requested one, or a free default one."""
-    options, name = opened.options, opened.name
-    owner = Owner(_identity(opened), name, options.scenario)
-    if options.out is not None:
-        return claim_given(options.out, owner)
-    return claim_default(default_folder(opened, scenario), owner)
+    owner, out = Owner(_identity(opened), opened.name, opened.options.scenario), opened.options.out
+    return claim_default(default_folder(opened, scenario), owner) if out is None else claim_given(out, owner)
 
 
 def default_folder(opened: Opened, scenario: str) -> Path:
@@ -534,18 +532,13 @@ def run(given: Mapping[str, Any]) -> int:
             with ctrl_c.allowed():  # nothing is open yet
                 scenario = isolated(with_cost(load(source), given["cost"]))
             if options.by_a_person and not options.terminal:
-                _check_address(options)
+                # Imported here: unattended runs need no web server.
+                from prefcal_app.web.serve import bind
+
+                bind(options.host, options.port).close()  # a taken port is said before the study starts
             opened = open_study(given, scenario, given["study"])
             with kept_if_worth_it(opened, scenario, messages):
                 return _run(opened, scenario, ctrl_c, messages)
-
-
-def _check_address(options: Options) -> None:
-    """Raise SettingsError if the page's port is taken, before the study starts."""
-    # Imported here: unattended runs need no web server.
-    from prefcal_app.web.serve import bind
-
-    bind(options.host, options.port).close()
 
 
 def _run(opened: Opened, scenario: Scenario, ctrl_c: Interruption, messages: Console) -> int:
@@ -555,8 +548,7 @@ def _run(opened: Opened, scenario: Scenario, ctrl_c: Interruption, messages: Con
         with calibration(opened, scenario, messages) as work:
             ctrl_c.on_press = lambda: _say_stopping(work)
             _introduce(work)
-            ask = _attended if opened.options.by_a_person else _unattended
-            return ask(work, ctrl_c)
+            return (_attended if opened.options.by_a_person else _unattended)(work, ctrl_c)
     except KeyboardInterrupt:
         has_report = name and file.state.history.answered
         later = f"; its report: prefcal report {name}" if has_report else ""
@@ -588,8 +580,7 @@ def _attended(work: Calibration, ctrl_c: Interruption) -> int:
     how = "resumed" if work.opened.resumed else "started"
     work.say(f"Study {work.opened.name} {how}. Every answer is saved at once.")
     work.say(f"Stop any time, and resume with: {work.again}")
-    ask = _in_terminal if work.options.terminal else _in_window
-    ask(work, ctrl_c)
+    (_in_terminal if work.options.terminal else _in_window)(work, ctrl_c)
     if work.left:
         work.say(
             f"The plant does not have its old values ({work.left}). They are kept on the disk, and "
@@ -662,7 +653,7 @@ def _in_terminal(work: Calibration, ctrl_c: Interruption) -> None:
 
 def _unattended(work: Calibration, ctrl_c: Interruption) -> int:
     """Let a synthetic calibrator answer as fast as the experiments run; return the exit code."""
-    failure = None
+    failure, known = None, work.interview.known
     try:
         with ctrl_c.allowed():
             _answer_all(work, ctrl_c)
@@ -672,14 +663,13 @@ def _unattended(work: Calibration, ctrl_c: Interruption) -> int:
         if not (ctrl_c.pressed or isinstance(error, KeyboardInterrupt)):
             failure = error
         else:
-            done = f"{work.interview.known.counts.experiments} of {work.interview.known.n_max} experiments"
-            work.say(f"Interrupted after {done}.")
+            work.say(f"Interrupted after {known.counts.experiments} of {known.n_max} experiments.")
     # Do not run the references on a rig that has just failed.
     record = work.write(failed=failure is not None)
     work.tell(record)
+    if isinstance(failure, RunError) and failure.trace:
+        work.say(failure.trace)
     if isinstance(failure, RunError | SimulationError):
-        if isinstance(failure, RunError) and failure.trace:
-            work.say(failure.trace)
         work.say(f"prefcal: {failure}")
         return RUN_FAILED
     if failure is not None:

@@ -137,7 +137,6 @@ class Checkup:
     def _run(self) -> Iterator[Finding]:
         start, source = time.perf_counter(), self.scenario.source
         run = source.begin(self.theta.copy(), seed=0)
-        result: object = None if run.waits else run.advance()
         if run.waits:
             self.experiment = source.example(self.theta)
             if self.experiment is None:
@@ -146,6 +145,7 @@ class Checkup:
             else:
                 yield Finding("run", None, "only you can run this rig: a made-up record is checked")
             return
+        result: object = run.advance()
         took = time.perf_counter() - start
         experiment = self.experiment = returned(result)
         self.scenario = with_found_kpis(self.scenario, experiment)
@@ -226,14 +226,9 @@ class Checkup:
             yield Finding("same again", True, "the same θ and seed give the same experiment")
             return
         names = [f.name for f in fields(Experiment) if f.name not in ("solve_time", "runs")]
-        differ = [n for n in names if not _same(getattr(first, n), getattr(second, n))]
-        where = ", ".join(differ) or "runs"
-        yield Finding(
-            "same again",
-            False,
-            f"the same θ and seed give another experiment: {where} differ; "
-            "take randomness from the seed only",
-        )
+        where = ", ".join(n for n in names if not _same(getattr(first, n), getattr(second, n))) or "runs"
+        words = f"the same θ and seed give another experiment: {where} differ"
+        yield Finding("same again", False, f"{words}; take randomness from the seed only")
 
     def _references(self) -> Iterator[Finding]:
         for name, theta in self.scenario.references.items():
@@ -413,8 +408,8 @@ def _channels(channels: Channels) -> Iterator[Finding]:
     for kind in ("x", "u", "y"):
         names = [channel.name for channel in getattr(channels, kind)]
         twice = sorted({name for name in names if names.count(name) > 1})
-        units = [c.label for c in getattr(channels, kind)]
-        words = f"{twice} more than once: give them different names" if twice else ", ".join(units)
+        labels = ", ".join(channel.label for channel in getattr(channels, kind))
+        words = f"{twice} more than once: give them different names" if twice else labels
         yield Finding(KINDS[kind], not twice, words or "none")
 
 

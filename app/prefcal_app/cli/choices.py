@@ -65,8 +65,6 @@ if TYPE_CHECKING:
 
 # --- Turn command-line values into scenarios, costs, agents, calibrators and θ.
 
-Thetas = Sequence[Float[np.ndarray, " n"]]
-
 
 def with_cost(scenario: Scenario, source: str | None) -> Scenario:
     """Return `scenario` with another cost, lower is better.
@@ -107,11 +105,7 @@ def _function_cost(source: str, function: Callable[[Experiment], Any], experimen
 
 
 def _kpi_cost(name: str, scenario: Scenario, experiment: Experiment) -> float:
-    """Return a KPI of `experiment`; infinite if it was stopped.
-
-    Raises:
-        ScenarioError: If it ran to its end and has no such KPI.
-    """
+    """Return a KPI of `experiment`; infinite if it was stopped. Raises ScenarioError if it has none."""
     if not len(experiment.t) or experiment.end.interrupted:
         return inf  # it may have stopped before the KPI could be measured
     found = outcome(scenario, experiment)
@@ -128,7 +122,9 @@ def _no_cost(source: str, names: Iterable[str]) -> str:
     )
 
 
-def make_agent(options: Options, scenario: Scenario, start: Thetas = ()) -> "Agent":
+def make_agent(
+    options: Options, scenario: Scenario, start: Sequence[Float[np.ndarray, " n"]] = ()
+) -> "Agent":
     """Return the agent that the options select; it starts with the physical θ in `start`.
 
     Raises:
@@ -151,11 +147,6 @@ def make_agent(options: Options, scenario: Scenario, start: Thetas = ()) -> "Age
     return agent
 
 
-def check_agent_takes(options: Options) -> None:
-    """Raise SettingsError if an option was set that the agent does not take."""
-    _raise_first(_not_taken(options))
-
-
 def _raise_first(problems: Iterator[str]) -> None:
     problem = next(problems, None)
     if problem is not None:
@@ -166,8 +157,7 @@ def _agent_problems(options: Options, scenario: Scenario) -> Iterator[str]:
     """Yield what does not fit the agent; each line may rely on those above being in order."""
     if options.agent not in WORDS:
         hint = did_you_mean(options.agent, WORDS)
-        known = ", ".join(WORDS)
-        yield f"--agent must be one of {known}, got {options.agent!r}.{hint}".rstrip(".")
+        yield f"--agent must be one of {', '.join(WORDS)}, got {options.agent!r}.{hint}".rstrip(".")
     yield from _not_taken(options)
     if options.cost is not None and options.calibrator not in (SCORE, SYNTHETIC):
         yield (
@@ -250,7 +240,6 @@ def make_calibrator(options: Options, scenario: Scenario) -> Calibrator[Experime
 
 
 def _unknown(calibrator: str, scenario: Scenario, known: list[str]) -> str:
-    """Return the error message for a calibrator that the scenario does not have."""
     name = f"scenario {scenario.name!r}"
     if scenario.source.asks:
         return f"{name} is a rig that only a person can run: its calibrator is human, got {calibrator!r}"
@@ -300,15 +289,15 @@ def start_of(text: str, scenario: Scenario) -> Float[np.ndarray, " n"]:
     """
     if "=" in text:
         return theta_of(text, scenario.space)
-    if text not in scenario.references and (study := EXPERIMENT.fullmatch(text)) is not None:
+    if text in scenario.references:
+        return np.array(scenario.references[text], dtype=float)
+    if (study := EXPERIMENT.fullmatch(text)) is not None:
         return _theta_of_study(study[1], study[2], scenario.space)
-    if text not in scenario.references:
-        known = sorted(scenario.references)
-        raise SettingsError(
-            f"--start must be KNOB=VALUE, ..., one of the references {known} of scenario "
-            f"{scenario.name!r}, or STUDY:best, got {text!r}.{did_you_mean(text, known)}".rstrip(".")
-        )
-    return np.array(scenario.references[text], dtype=float)
+    known = sorted(scenario.references)
+    raise SettingsError(
+        f"--start must be KNOB=VALUE, ..., one of the references {known} of scenario "
+        f"{scenario.name!r}, or STUDY:best, got {text!r}.{did_you_mean(text, known)}".rstrip(".")
+    )
 
 
 def _theta_of_study(name: str, which: str, space: KnobSpace) -> Float[np.ndarray, " n"]:
@@ -317,8 +306,7 @@ def _theta_of_study(name: str, which: str, space: KnobSpace) -> Float[np.ndarray
         state = file.state
     theta = state.history.samples[numbered(name, which, state)].theta
     earlier = Earlier(space_of(state.configuration).knobs, theta)
-    missing = earlier.missing(space, {})
-    if missing:
+    if missing := earlier.missing(space, {}):
         raise KnobError(f"study {name!r} has no knobs {missing}: give every knob, as KNOB=VALUE, ...")
     start = earlier.start(space)
     if start is None:
@@ -433,7 +421,7 @@ def _resume(path: Path, name: str, given: Mapping[str, Any], scenario: Scenario)
             given = {**given, "n_max": None}
         options = Options.resumed(by_now(state), given)
         if options.questions_per_experiment != questions_of(state.configuration):
-            check_agent_takes(options)
+            _raise_first(_not_taken(options))
             file.append(Adjusted({QUESTIONS: options.questions_per_experiment}))
         if options.n_max > state.n_max:
             file.append(Extended(options.n_max), *([Reopened()] if state.ended else []))

@@ -40,15 +40,9 @@ def _common(
     ] = False,
 ) -> None:
     """Tune a controller by comparing experiments: you say which one went better."""
-    _one_thread()  # before any command imports numpy, which reads the environment once
-
-
-def _one_thread() -> None:
-    """Limit linear algebra to one thread unless the user has set another number.
-
-    The matrices are small: with more threads the work takes twice as much processor time, most
-    of it spent waiting.
-    """
+    # One thread for linear algebra unless the user has set another number, before any command imports
+    # numpy, which reads the environment once. The matrices are small: with more threads the work takes
+    # twice as much processor time, most of it spent waiting.
     for library in ("OPENBLAS", "OMP", "MKL"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
 

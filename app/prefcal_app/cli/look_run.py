@@ -91,16 +91,12 @@ def _run(words: str, about: TableColumns) -> NamedRun:
             f"{words} holds a controller, not a run: name an experiment of the study instead, "
             "such as mine:best"
         )
-    if _is_study(path if path.is_file() else study_path(words)):
-        raise SettingsError(f"{words} is a study: say which experiment of it, as {words}:3")
+    file = path if path.is_file() else study_path(words)
+    if file.is_file():
+        with file.open("rb") as opened:
+            if opened.read(len(_SQLITE)) == _SQLITE:
+                raise SettingsError(f"{words} is a study: say which experiment of it, as {words}:3")
     return run_from(path, about)
-
-
-def _is_study(path: Path) -> bool:
-    if not path.is_file():
-        return False
-    with path.open("rb") as file:
-        return file.read(len(_SQLITE)) == _SQLITE
 
 
 def _of_study(name: str, which: str) -> NamedRun:

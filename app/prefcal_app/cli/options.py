@@ -8,7 +8,7 @@ from typing import Any
 
 from prefcal_agents.registry import WORDS
 
-from .parameters import Kept, argument, kept_by, option, parameters_of
+from .parameters import Kept, argument, check_programs, check_unchanged, kept_by, option, parameters_of
 
 HUMAN = "human"
 """Name of the calibrator that is a person."""
@@ -185,11 +185,6 @@ class Options(Described):
         kept["start"] = tuple(kept.get("start", ()))  # a list in JSON
         if stored.get("earlier"):  # what --from was before --start took studies
             kept["start"] += (f"{stored['earlier']}:best",)
-        from .parameters import (
-            check_programs,
-            check_unchanged,  # here, to keep --help fast
-        )
-
         check_programs(kept, given)
         check_unchanged(kept_by(Options), kept, given)
         new = {name: value for name, value in given.items() if value is not None}

@@ -17,9 +17,8 @@ from typer.models import ArgumentInfo, OptionInfo
 
 # --- Parameters of a command, each declared once as a field of a dataclass.
 #
-# A field is made by `option` or `argument`, with `Kept` if the study file keeps its value, and its line
-# under "Args" in the docstring of the dataclass is its help. The command line, the checks of the file and
-# all messages use that declaration.
+# The line of a field under "Args" in the docstring of its dataclass is its help. The command line, the
+# checks of the study file and all messages use that declaration.
 
 _T = TypeVar("_T")
 
@@ -59,8 +58,7 @@ def option(default: Any, metavar: str = "", *, kept: Kept | None = None, **more:
         more: `flag`, if it is not --NAME; `shown`, the default as the help shows it; and further
             arguments of `typer.Option`, such as a help that is computed.
     """
-    flag, shown = more.pop("flag", None), more.pop("shown", True)
-    names = [] if flag is None else [flag]
+    names, shown = [more.pop("flag")] if "flag" in more else [], more.pop("shown", True)
     info = Option(*names, metavar=metavar, show_default=shown, **more)
     return field(default=default, metadata={"info": info, "kept": kept})
 

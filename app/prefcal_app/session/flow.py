@@ -51,13 +51,12 @@ _KEPT = 36
 
 @dataclass(slots=True)
 class Prefetch:
-    """What likely answers would lead to, and experiments run in advance.
+    """What likely answers would lead to, and experiments run in advance; none of it is saved.
 
-    Nothing here is saved: it can be lost at any time without changing a result. What the agent
-    would ask next is remembered by the agent itself.
+    What the agent would ask next is remembered by the agent itself.
     """
 
-    _bases: dict[Answer, Basis] = field(default_factory=dict)
+    _bases: dict[Answer, Basis | None] = field(default_factory=dict)
     _tried: set[Answer] = field(default_factory=set)
     _experiments: OrderedDict[bytes, Experiment] = field(default_factory=OrderedDict)
     _failures: dict[bytes, Exception] = field(default_factory=dict)
@@ -81,8 +80,7 @@ class Prefetch:
 
     def keep_basis(self, answer: Answer, basis: Basis | None) -> None:
         """Keep what the question after `answer` would be chosen from."""
-        if basis is not None:
-            self._bases[answer] = basis
+        self._bases[answer] = basis
 
     def take(self, answer: Answer) -> Basis | None:
         """Return what the question after `answer` is chosen from, and drop the others."""
@@ -423,8 +421,11 @@ class Flow:
         thought = False
         while True:
             match self.study.todo(thought=thought):
+                case Write(Suggested(index=index, theta=theta) as event):
+                    self.append(event, *self.finished(index, np.array(theta)))
+                    thought = True
                 case Write(event):
-                    self.append(event, *self._known(event))
+                    self.append(event)
                     thought = True
                 case Settle(index):
                     self.append(self._settled(index))
@@ -437,10 +438,6 @@ class Flow:
                     return self.show(shown)
                 case Over():
                     return self.move(Phase.OVER)
-
-    def _known(self, event: Event) -> list[Event | tuple[Finished, Experiment]]:
-        """Return what adds the experiment of a sample that is proposed, if it is known already."""
-        return self.finished(event.index, np.array(event.theta)) if isinstance(event, Suggested) else []
 
     def finished(
         self, index: int, theta: Float[np.ndarray, " n"]
@@ -456,10 +453,8 @@ class Flow:
         """Return the answer about experiment `index` that needs no person."""
         if self.agent.by_value:
             return Answered(None, index, *self.store.scored(index))
-        outcomes = self.store.outcomes(index, None)
-        return Answered(
-            None, index, None, completed(Answer(None), self.store.experiment(index), None, outcomes)
-        )
+        experiment, outcomes = self.store.experiment(index), self.store.outcomes(index, None)
+        return Answered(None, index, None, completed(Answer(None), experiment, None, outcomes))
 
     def _wait(self) -> None:
         asks, pending = self.underway.source.asks, self.study.pending
@@ -605,11 +600,6 @@ def _pace(flow: Flow, study: Study) -> PrefcalError | None:
     return StaleError("the last step failed: try it again first") if failed else None
 
 
-def _ask_for(flow: Flow, study: Study) -> PrefcalError | None:
-    over = flow.phase is Phase.OVER
-    return StaleError("the study has ended: continue it first") if over else None
-
-
 def _choose(flow: Flow, study: Study) -> PrefcalError | None:
     if not study.simulates:
         return StaleError("nothing is simulated unseen in this study: continue it and ask for a θ")
@@ -664,8 +654,8 @@ def _retry(flow: Flow, study: Study) -> PrefcalError | None:
     return None if failed else StaleError("nothing has failed, so there is nothing to try again")
 
 
-def _finish(flow: Flow, study: Study) -> PrefcalError | None:
-    return StaleError("the study has ended already") if flow.phase is Phase.OVER else None
+def _ended(flow: Flow, words: str) -> PrefcalError | None:
+    return StaleError(words) if flow.phase is Phase.OVER else None
 
 
 def _go_on(flow: Flow, study: Study) -> PrefcalError | None:
@@ -681,14 +671,14 @@ REFUSALS: Mapping[str, Callable[[Flow, Study], PrefcalError | None]] = MappingPr
         "retract": _retract,
         "repeat": _repeat,
         "pace": _pace,
-        "ask_for": _ask_for,
+        "ask_for": lambda flow, study: _ended(flow, "the study has ended: continue it first"),
         "choose": _choose,
         "record": _record,
         "write_and_start": _write_and_start,
         "stop_run": _stop_run,
         "fail": _fail,
         "retry": _retry,
-        "finish": _finish,
+        "finish": lambda flow, study: _ended(flow, "the study has ended already"),
         "go_on": _go_on,
     }
 )

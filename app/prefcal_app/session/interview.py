@@ -151,11 +151,7 @@ def undo(flow: Flow, version: int) -> None:
 
 
 def closed(flow: Flow, answer: int) -> Comparison:
-    """Return answer number `answer`, from 1; -1, -2, ... are follow-up comparisons.
-
-    Raises:
-        StaleError: If there is none.
-    """
+    """Return answer number `answer`, see `Past.closed`."""
     history = flow.state.history
     answers = history.comparisons if answer >= 0 else (None, *history.follow_ups)
     if not 1 <= abs(answer) < len(answers):
@@ -269,8 +265,7 @@ def _step(name: str, step: Callable[Concatenate[Flow, P], None]) -> Callable[Con
     @wraps(step)
     def take(self: "Steps", /, *args: P.args, **kwargs: P.kwargs) -> Now:
         with self._guarded.changing() as flow:
-            refused = refusal(flow, name)
-            if refused is not None:
+            if (refused := refusal(flow, name)) is not None:
                 raise refused
             step(flow, *args, **kwargs)
             return self._now()

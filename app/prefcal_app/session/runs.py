@@ -36,8 +36,6 @@ from .flow import LIKELIEST, LIKELY, Attempt, Flow, refusal
 from .study import GOOD_ENOUGH, Phase, Question, Recovery, agent_of
 
 # --- Let the agent choose queries in the background: it may simulate for seconds, without a lock.
-#
-# Its functions return an `Attempt`, as the work of `runs` is.
 
 
 def think(flow: Flow) -> Attempt:
@@ -67,18 +65,11 @@ def think(flow: Flow) -> Attempt:
     return choose
 
 
-def look_ahead(
-    flow: Flow, asked: Question, is_known: Callable[[Float[np.ndarray, " n"]], bool]
-) -> Attempt | None:
-    """Tell a copy of the agent the next likely answer; None if all were tried.
+def look_ahead(flow: Flow, asked: Question) -> Attempt | None:
+    """Tell a copy of the agent the next likely answer to the open question; None if all were tried.
 
     Errors are ignored here, since that answer may never be given. If it is, the same work is done
     again, and an error is shown.
-
-    Args:
-        flow: Flow of the interview.
-        asked: Open question.
-        is_known: Function that tells whether a physical θ, shape (n,), has run.
     """
     most = len(LIKELY) if flow.thoughts.simulator is None else LIKELIEST
     answer = flow.thoughts.prefetch.missing(asked, most)
@@ -101,14 +92,11 @@ def look_ahead(
             _rest(flow)
             if flow.question is asked:
                 flow.thoughts.prefetch.keep_basis(answer, basis)
-                if theta is not None and not is_known(theta):
+                if theta is not None and not _is_known(flow, theta):
                     flow.thoughts.prefetch.next = theta
-            elif (
-                flow.phase is Phase.RUNNING
-                and flow.agent.history.pending is None
-                and flow.agent.history == told
-            ):
-                # The answer came meanwhile, and it is this one.
+                return
+            waits = flow.phase is Phase.RUNNING and flow.agent.history.pending is None
+            if waits and flow.agent.history == told:  # the answer came meanwhile, and it is this one
                 flow.thoughts.basis = basis or flow.thoughts.basis
                 flow.proceed()
 
@@ -130,7 +118,7 @@ def is_unexplained(flow: Flow) -> bool:
 def explain(flow: Flow) -> Attempt:
     """Find out what the open question was chosen from. Errors are ignored: it can be answered."""
     flow.thoughts.prefetch.explained = True
-    return _looking(flow, lambda twin: Basis.of(twin))
+    return _looking(flow, Basis.of)
 
 
 def is_untold(flow: Flow) -> bool:
@@ -255,9 +243,10 @@ def preview(flow: Flow, given: Given) -> Preview:
         theta = np.array(flow.state.history.samples[given.index].theta)
     run = flow.underway.source.begin(theta, seed=flow.study.seed)
     run.supply(Table(given.content, given.unsafe))
-    experiment = run.advance()
-    experiment = check_experiment(flow.store.scenario, theta, experiment)
-    return Preview(experiment, _same(flow, given.index, experiment), len(_about(flow, given.index)))
+    experiment = check_experiment(flow.store.scenario, theta, run.advance())
+    standing = [c for c in flow.state.history.counting if c.incumbent is not None and not c.retracted]
+    retracts = sum(given.index in (c.challenger, c.incumbent) for c in standing)
+    return Preview(experiment, _same(flow, given.index, experiment), retracts)
 
 
 def record(flow: Flow, given: Given) -> None:
@@ -292,8 +281,7 @@ def record(flow: Flow, given: Given) -> None:
 
 def _check_due(flow: Flow, index: int) -> None:
     """Refuse a record that is neither waited for nor can replace one."""
-    refused = refusal(flow, "record")
-    if refused is not None:
+    if (refused := refusal(flow, "record")) is not None:
         raise refused
     pending = flow.study.pending
     due = flow.phase is Phase.RECORD and pending is not None and pending.index == index
@@ -326,9 +314,8 @@ def _same(flow: Flow, index: int, experiment: Experiment) -> int | None:
     mine = _curves(experiment)
     for other in sorted(flow.state.finished):
         theirs = _curves(flow.store.experiment(other))
-        if other == index or not len(theirs[0]) or len(mine) != len(theirs):
-            continue
-        if all(map(np.array_equal, mine, theirs)):
+        comparable = other != index and len(theirs[0]) and len(mine) == len(theirs)
+        if comparable and all(map(np.array_equal, mine, theirs)):
             return other
     return None
 
@@ -337,16 +324,6 @@ def _curves(experiment: Experiment) -> list[np.ndarray]:
     """Return everything that a record holds; outputs only if they are no states."""
     arrays = [experiment.t, experiment.x, experiment.u]
     return arrays if experiment.y is None else [*arrays, experiment.y]
-
-
-def _about(flow: Flow, index: int) -> list[int]:
-    """Return the event numbers of the standing answers about experiment `index`."""
-    answers = flow.state.history.counting
-    return [
-        c.seq
-        for c in answers
-        if c.incumbent is not None and not c.retracted and index in (c.challenger, c.incumbent)
-    ]
 
 
 # --- Run the experiments of an interview, handle failed and stopped runs, and end the study.
@@ -579,7 +556,7 @@ def _looking_ahead(flow: Flow) -> Attempt | None:
         return None
     if flow.thoughts.prefetch.next is not None:
         return _running_ahead(flow, flow.thoughts.prefetch.next)
-    return look_ahead(flow, asked, lambda theta: _is_known(flow, theta))
+    return look_ahead(flow, asked)
 
 
 def _running_ahead(flow: Flow, theta: Float[np.ndarray, " n"]) -> Attempt:

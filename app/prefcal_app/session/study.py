@@ -117,8 +117,7 @@ class Question:
             return None
         if choice is Choice.SAME:
             return Preference.TIE
-        left_won = choice is Choice.LEFT
-        won = left_won == self.left.challenger
+        won = (choice is Choice.LEFT) == self.left.challenger
         return Preference.CHALLENGER if won else Preference.INCUMBENT
 
     def answer(self, choice: Choice) -> Answer:
@@ -127,8 +126,7 @@ class Question:
 
     def completed(self, given: Answer) -> Answer:
         """Return `given` with the KPIs and automatic marks of both sides, for record and agent."""
-        new, old = self.challenger.experiment, self.incumbent.experiment
-        return completed(given, new, old, self.outcomes)
+        return completed(given, self.challenger.experiment, self.incumbent.experiment, self.outcomes)
 
     def choice(self, preference: Preference | None) -> Choice:
         """Return the choice that means `preference`."""
@@ -341,7 +339,7 @@ class Study:
             thought: Whether the agent has thought about this record, to which only events were
                 added that follow from it.
         """
-        strategy, samples = self.strategy, self.state.history.samples
+        strategy = self.strategy
         if self.state.ended:
             return Over()
         if self.must_think and not thought:
@@ -352,8 +350,8 @@ class Study:
         if strategy.is_over(self.history):
             return Write(Ended("all compared"))
         opened, queries = strategy.open(self.history, self.at_once)
-        if len(opened.samples) > len(samples):
-            index = len(samples)
+        index = len(self.state.history.samples)
+        if len(opened.samples) > index:
             return Write(Suggested(index, opened.samples[index].z, opened.samples[index].theta))
         if self._may_stop and strategy.has_enough(self.history):
             return Write(Ended(ENOUGH))
@@ -388,13 +386,10 @@ class Study:
                 return True  # until it is known, see `thinking.think`
             over = self.strategy.is_over(self.history)
             asked = None if over else self.strategy.open(self.history)[1][0]
-            return asked is None or _pair(asked) != (shown.challenger, shown.incumbent)
+            if asked is None or asked.incumbent is None:
+                return True
+            return (asked.challenger.index, asked.incumbent.index) != (shown.challenger, shown.incumbent)
         return shown.incumbent != self.best
-
-
-def _pair(query: Query) -> tuple[int, int | None]:
-    """Return the indices of the challenger and the incumbent."""
-    return query.challenger.index, None if query.incumbent is None else query.incumbent.index
 
 
 def challenger_left(seed: int, challenger: int, further: int | None = None) -> bool:
@@ -409,14 +404,8 @@ def challenger_left(seed: int, challenger: int, further: int | None = None) -> b
 def to_repeat(state: State, seed: int) -> Comparison | None:
     """Return an earlier question with a verdict that has not been repeated yet, or None."""
     done = {c.repeats for c in state.history.repeats}
-    left = [
-        c
-        for c in state.history.counting
-        if c.question is not None
-        and c.question not in done
-        and not c.retracted
-        and c.answer.preference is not None
-    ]
+    left = [c for c in state.history.counting if c.question is not None and c.question not in done]
+    left = [c for c in left if not c.retracted and c.answer.preference is not None]
     # Not the very last one, which people remember, unless there is no other.
     left = left[:-1] if len(left) > 1 and left[-1] is state.history.comparisons[-1] else left
     if not left:
@@ -511,11 +500,9 @@ class ExperimentStore:
         return finished[index]
 
     def _read(self, seq: int, index: int) -> Experiment:
-        experiment = self.study.experiment(seq)
-        theta = self.study.state.history.samples[index].theta
-        if len(experiment.theta) == len(theta):
-            return experiment
-        return replace(experiment, theta=np.array(theta))  # knobs were added since
+        experiment, theta = self.study.experiment(seq), self.study.state.history.samples[index].theta
+        added = len(experiment.theta) != len(theta)  # knobs, since it ran
+        return replace(experiment, theta=np.array(theta)) if added else experiment
 
     def _outcome(self, index: int) -> Outcome:
         seq = self._event(index)
@@ -529,42 +516,40 @@ class ExperimentStore:
         known = self.study.state.finished
         declared = self.scenario.source.channels or Channels((), (), ())
         channels = self.experiment(min(known)).channels if known else declared
-        n_x, n_u, n_y = len(channels.x), len(channels.u), len(channels.y)
+        x, u, y = (np.zeros((0, len(each))) for each in (channels.x, channels.u, channels.y))
         measured = {(c.name, c.unit) for c in channels.y} - {(c.name, c.unit) for c in channels.x}
         none = np.zeros(0)
         return Experiment(
             theta=theta,
             t=none,
-            x=np.zeros((0, n_x)),
-            u=np.zeros((0, n_u)),
+            x=x,
+            u=u,
             t_control=none,
-            u_control=np.zeros((0, n_u)),
-            y_ref=np.zeros((0, n_y)),
+            u_control=u,
+            y_ref=y,
             iterations=np.zeros(0, dtype=np.int64),
             solve_time=none,
             solved=np.zeros(0, dtype=bool),
             channels=channels,
             end=End.FAILED,
-            y=np.zeros((0, n_y)) if measured else None,
+            y=y if measured else None,
         )
 
     def question(self, id_: int, number: int, shown: Shown) -> Question:
         """Return the question of the event `shown`, with the current marks."""
-        pair, left = (shown.challenger, shown.incumbent), shown.challenger_left
-        marks = self.study.state.marks
+        marks, pair = self.study.state.marks, (shown.challenger, shown.incumbent)
         new, old = (
             Side(index, self.experiment(index), index == pair[0], marks.get(index, frozenset()))
             for index in pair
         )
-        sides = (new, old) if left else (old, new)
+        sides = (new, old) if shown.challenger_left else (old, new)
         return Question(id_, number, *sides, shown.repeats)
 
     def asked(self, closed: Comparison) -> Question:
         """Return an answered question as it was shown."""
         if closed.incumbent is None:
             raise StudyError("the first experiment was not compared with anything")
-        left = closed.challenger_left is not False
-        shown = Shown(closed.challenger, closed.incumbent, left, None)
+        shown = Shown(closed.challenger, closed.incumbent, closed.challenger_left is not False, None)
         # Nobody was asked if the agent learns from scores: the question has the id of the answer.
         question = self.question(closed.question or closed.seq, closed.challenger, shown)
         return replace(question, further=closed.after is not None)
@@ -575,21 +560,18 @@ class ExperimentStore:
 
     def compared(self, closed: Comparison) -> Compared:
         """Return the experiments and the answer; a retracted answer becomes an abstention."""
-        state, index, rival = self.study.state, closed.challenger, closed.incumbent
+        index, rival, answer = closed.challenger, closed.incumbent, closed.answer
+        if closed.retracted:
+            answer = Answer(None, marks=answer.marks, automatic=answer.automatic)
         return Compared(
-            Query(_suggestion(state, index), None if rival is None else _suggestion(state, rival)),
-            _abstained(closed.answer) if closed.retracted else closed.answer,
+            Query(self._suggestion(index), None if rival is None else self._suggestion(rival)),
+            answer,
             self.experiment(index),
             None if rival is None else self.experiment(rival),
         )
 
-
-def _abstained(answer: Answer) -> Answer:
-    return Answer(None, marks=answer.marks, automatic=answer.automatic)
-
-
-def _suggestion(state: State, index: int) -> Suggestion:
-    return Suggestion(index, np.array(state.history.samples[index].theta))
+    def _suggestion(self, index: int) -> Suggestion:
+        return Suggestion(index, np.array(self.study.state.history.samples[index].theta))
 
 
 # --- Translate between a study file and an agent, and restore the agent from a state.
@@ -628,26 +610,22 @@ def check_space(configuration: Mapping[str, Any], space: KnobSpace) -> None:
     Raises:
         StudyError: If they differ.
     """
-    _check_constraints(configuration, space)
-    then, now = configuration["knobs"], knobs_as_dicts(space)
-    if then == now:
-        return
-    then = then if isinstance(then, list) else []
-    changed = [knob["name"] for knob in then if knob not in now]
-    changed += [knob["name"] for knob in now if knob not in then]
-    raise StudyError(
-        f"the scenario's knobs have changed since the study was started: {sorted(set(changed))} "
-        "differ in name, range, unit or scale (`prefcal studies respace` updates the study)"
-    )
-
-
-def _check_constraints(configuration: Mapping[str, Any], space: KnobSpace) -> None:
     # Studies from before there were constraints have none.
     then, now = configuration.get("constraints", []), constraint_names(space)
     if not isinstance(then, list) or {str(name) for name in then} != set(now):
         raise StudyError(
             f"the scenario's constraints have changed since the study was started: expected {then}, got {now}"
         )
+    old, new = configuration["knobs"], knobs_as_dicts(space)
+    if old == new:
+        return
+    old = old if isinstance(old, list) else []
+    changed = [knob["name"] for knob in old if knob not in new]
+    changed += [knob["name"] for knob in new if knob not in old]
+    raise StudyError(
+        f"the scenario's knobs have changed since the study was started: {sorted(set(changed))} "
+        "differ in name, range, unit or scale (`prefcal studies respace` updates the study)"
+    )
 
 
 def as_studied(scenario: Scenario, state: State) -> Scenario:
@@ -667,9 +645,8 @@ def as_studied(scenario: Scenario, state: State) -> Scenario:
 
 def with_constraints(space: KnobSpace, scenario: KnobSpace) -> KnobSpace:
     """Return `space` with the scenario's constraints, whose code is not in the study."""
-    return KnobSpace(
-        space.knobs, scenario.constraints, within=dict(zip(space.names, space.within, strict=True))
-    )
+    within = dict(zip(space.names, space.within, strict=True))
+    return KnobSpace(space.knobs, scenario.constraints, within=within)
 
 
 def agent_of(state: State, space: KnobSpace, simulator: Simulator | None = None) -> Agent:
@@ -704,8 +681,7 @@ def is_robust(state: State) -> bool:
 
 def agent_state(state: State) -> AgentState:
     """Return the state of a study's agent. Raises SettingsError if it is invalid."""
-    configured = AgentState.of(state.configuration["agent"], state.history)
-    return replace(configured, n_max=state.n_max)
+    return replace(AgentState.of(state.configuration["agent"], state.history), n_max=state.n_max)
 
 
 def known_outcomes(state: State, store: ExperimentStore) -> History:
@@ -715,8 +691,7 @@ def known_outcomes(state: State, store: ExperimentStore) -> History:
     analyzed like any other.
     """
     history = agent_state(state).history
-    known = replace(history, comparisons=tuple(_known(c, store) for c in history.comparisons))
-    return judged(known)
+    return judged(replace(history, comparisons=tuple(_known(c, store) for c in history.comparisons)))
 
 
 def index_of(history: History, seed: int) -> LearnedCost | None:
@@ -735,8 +710,7 @@ def trust_text(index: LearnedCost) -> str:
 
 
 def _known(comparison: Comparison, store: ExperimentStore) -> Comparison:
-    given = comparison.answer.outcomes
-    if given is not None and given[0] is not None:
+    if comparison.answer.outcomes is not None and comparison.answer.outcomes[0] is not None:
         return comparison
     outcomes = store.outcomes(comparison.challenger, None)  # each is a challenger once
     return replace(comparison, answer=replace(comparison.answer, outcomes=outcomes))

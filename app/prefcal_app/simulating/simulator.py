@@ -23,7 +23,7 @@ from prefcal_agents.result import Influence, SmallerChange, decisive
 from prefcal_agents.screening.agent import Certificate, Reason, RobustResult, Screening
 from prefcal_env.disk import whole_file
 from prefcal_env.errors import SettingsError
-from prefcal_env.knobs import KnobSpace, theta_key, theta_keys
+from prefcal_env.knobs import theta_key, theta_keys
 from prefcal_env.preferences.answer import Outcome
 from prefcal_env.preferences.history import History, Sample
 from prefcal_env.study import knobs_as_dicts, within_as_dict
@@ -60,7 +60,8 @@ class Kept:
 
     def add(self, theta: Float[np.ndarray, " n"], kpis: Outcome) -> None:
         """Keep the KPIs of θ, physical, shape (n,)."""
-        line = _line(theta, kpis)
+        content = json.dumps([np.asarray(theta, dtype=float).tolist(), dict(kpis)]).encode()
+        line = b"%08x %s\n" % (crc32(content), content)
         with suppress(OSError, ValueError):  # no space left, read only, or closed
             if self._file is None:
                 self._file = self._opened()
@@ -98,11 +99,6 @@ class Kept:
             with whole_file(self._path) as part:
                 part.write_bytes(self._head + b"".join(self._lines))
         return self._path.open("ab")
-
-
-def _line(theta: Float[np.ndarray, " n"], kpis: Outcome) -> bytes:
-    content = json.dumps([np.asarray(theta, dtype=float).tolist(), dict(kpis)]).encode()
-    return b"%08x %s\n" % (crc32(content), content)
 
 
 def _content(line: bytes) -> tuple[list[float], Outcome]:
@@ -160,7 +156,7 @@ def twin_of(plant: Scenario, model: Scenario) -> Scenario:
             f"the twin {model.name!r} does not let experiments run unseen: if a run is a quick "
             "simulation, state Scenario(..., simulated=True)"
         )
-    ours, theirs = _knobs(plant.space), _knobs(model.space)
+    ours, theirs = ([labeled(k.name, k.unit) for k in each.space] for each in (plant, model))
     if ours != theirs:
         raise SettingsError(
             f"the twin {model.name!r} must have the knobs of {plant.name!r} in the same order: "
@@ -179,10 +175,6 @@ def twin_of(plant: Scenario, model: Scenario) -> Scenario:
             f"the plant {plant.name!r} must have KPIs with a direction, as its twin {model.name!r} has: {has}"
         )
     return with_ranges(model, plant.space)
-
-
-def _knobs(space: KnobSpace) -> list[str]:
-    return [labeled(knob.name, knob.unit) for knob in space]
 
 
 def _kpis(scenario: Scenario) -> list[str]:
@@ -224,8 +216,7 @@ class Carried:
             return cls(False, agent.stakes, None, {}, {})
         best = agent.best_index
         found = None if best is None else decisive(agent.influences, best)
-        named = found if found and found.doubtful else None
-        told = named, agent.menu, agent.wishes, agent.robustness
+        told = found if found and found.doubtful else None, agent.menu, agent.wishes, agent.robustness
         return cls(True, None, *told, complete=not agent.setup.start)
 
 
@@ -264,9 +255,8 @@ class Basis:
     def of(cls, agent: Screening) -> "Basis":
         """Return the basis of the open question of `agent`, which simulates what is missing."""
         bank, reason = agent.bank, None if agent.done else agent.reason
-        pending = agent.history.pending
         chance, trend = agent.chance_of_better, agent.trend
-        return cls(past_of(agent), pending, bank, reason, chance, trend, agent.certificate)
+        return cls(past_of(agent), agent.history.pending, bank, reason, chance, trend, agent.certificate)
 
 
 def past_of(agent: Agent) -> History:
@@ -297,18 +287,15 @@ class Simulated:
     @property
     def going_on(self) -> str:
         """Return what is simulated for the next question: "120 of 280 simulated"; empty if all."""
-        if self.simulated >= self.due:
-            return ""
-        return f"{self.simulated} of {self.due} simulated{' on the twin' if self.twin else ''}"
+        where = " on the twin" if self.twin else ""
+        return "" if self.simulated >= self.due else f"{self.simulated} of {self.due} simulated{where}"
 
     @property
     def line(self) -> str:
         """Return the numbers as one line: "412 simulated, 6 shown"."""
         where = " on the twin" if self.twin else ""
-        words = f"{self.simulated} simulated{where}, {self.shown} shown"
-        if not self.failed:
-            return words
-        return f"{words}, {self.failed} simulation{'' if self.failed == 1 else 's'} failed"
+        failed = f", {self.failed} simulation{'' if self.failed == 1 else 's'} failed" if self.failed else ""
+        return f"{self.simulated} simulated{where}, {self.shown} shown{failed}"
 
 
 def simulates(agent: Agent) -> bool:
@@ -373,8 +360,8 @@ class Simulator:
         self._task = Task(run, seed, trajectories=not directed)
         # They are gentle: the page has its processor even if there is a worker on each core. This
         # process runs built-in scenarios, too, until the first worker is ready.
-        workers = min(usable_cores() if own else max(usable_cores() - 1, 1), _MOST)
-        workers = workers if jobs is None else jobs
+        most = min(usable_cores() if own else max(usable_cores() - 1, 1), _MOST)
+        workers = most if jobs is None else jobs
         self._pool = self._task.pool(workers, longest, Terms(gentle=True)) if workers else None
         self._helps = not own
         self._kept = kept

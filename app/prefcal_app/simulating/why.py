@@ -13,7 +13,7 @@ from prefcal_agents.screening.agent import MOST, Certificate, Reason, RobustResu
 from prefcal_agents.screening.bank import ENOUGH
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs import KnobSpace
-from prefcal_scenarios.scenario import KPI, Scenario
+from prefcal_scenarios.scenario import Scenario
 
 from .simulator import Basis, Carried
 
@@ -43,9 +43,9 @@ def as_shown(reason: Reason, scenario: Scenario, new: Experiment, best: Experime
     differ are named in the order of the scenario.
     """
     gains = dict(_gains(scenario, new, best))
-    named = (*reason.better_in, *reason.worse_in)
     if not gains:  # the scenario states no KPI with a direction
         return reason
+    named = (*reason.better_in, *reason.worse_in)
     clear = [name for name in named if gains.get(name)] or [n for n in gains if gains[n]]
     better, worse = ([n for n in clear if gains[n] == sign] for sign in (1, -1))
     return replace(reason, better_in=tuple(better), worse_in=tuple(worse))
@@ -107,7 +107,7 @@ def _listed(words: Sequence[str]) -> str:
 
 def _namer(scenario: Scenario) -> Callable[[str, bool], str]:
     """Return a function that names a KPI with its direction: better (True) or worse."""
-    kpis: dict[str, KPI] = {kpi.name: kpi for kpi in scenario.kpis}
+    kpis = {kpi.name: kpi for kpi in scenario.kpis}
 
     def named(name: str, better: bool) -> str:
         kpi = kpis.get(name)
@@ -163,10 +163,8 @@ def robust(found: RobustResult, scenario: Scenario) -> Iterator[str]:
         if _LEAST <= share < inf:
             title = kpis[name].title if name in kpis else name.replace("_", " ")
             parts.append(f"about {100 * share:.0f} % of {title}")
-    if parts:
-        yield f"Robustness costs {_listed(parts[:_MOST])}: what promises most nominally does not hold."
-    else:
-        yield "Robustness costs nothing noticeable."
+    costs = f"{_listed(parts[:_MOST])}: what promises most nominally does not hold"
+    yield f"Robustness costs {costs if parts else 'nothing noticeable'}."
 
 
 def menu_names(menu: Mapping[int, Sequence[str]], scenario: Scenario) -> dict[int, str]:

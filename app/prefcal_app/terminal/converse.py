@@ -53,7 +53,6 @@ MARKS = {
 }
 STOP = ("x", "stop")
 UNDO = ("z", "undo")
-STOP_RUN = "k"
 RESTORE = ("g", "again")
 _LOOK = 0.2
 """Interval, in seconds, at which a waiting conversation reads what was typed."""
@@ -101,7 +100,7 @@ class _Conversation:
                     self.compiles = True
                     self._say(now.preparing.words)
                 status.update(_waiting(now))
-                asked = self.typed() == STOP_RUN and "stop_run" in now.can
+                asked = self.typed() == "k" and "stop_run" in now.can
                 if asked and now.pending is not None:
                     with suppress(StaleError):  # the run has just ended
                         self.interview.steps.stop_run(now.pending.index)
@@ -118,7 +117,7 @@ class _Conversation:
         try:
             return steps[now.phase](now)
         except PrefcalError as error:
-            self._say(f"{error}")
+            self._say(str(error))
             return True
 
     def _question(self, now: Now) -> bool:
@@ -163,8 +162,7 @@ class _Conversation:
             self._undo(now)
         elif said == "c":
             comment = self.line("comment on the next answer")
-            # END means Ctrl-D: no comment.
-            self.comment = "" if comment == END else comment
+            self.comment = "" if comment == END else comment  # END means Ctrl-D
         elif said == "b":
             self.blind, self.shown = not self.blind, None
         elif said == "t":
@@ -323,9 +321,9 @@ def _waiting(now: Now) -> str:
         found = now.simulated
         unseen = "" if found is None else f" ({found.going_on or found.line})"
         return f"choosing the next experiment{unseen}"
-    words = f"running experiment {now.pending.index + 1}"
     if now.running > 1:
         return f"running {now.running} experiments"
+    words = f"running experiment {now.pending.index + 1}"
     if now.plant is not None:
         return f"{words}{_words_of_run(now.plant)}"
     if now.run_limit is None:

@@ -101,8 +101,7 @@ def knob_called(word: str, space: KnobSpace) -> str:
     found = [name for key, name in plain.items() if wanted and key.startswith(wanted)]
     if len(found) != 1:
         hint = did_you_mean(word, plain)
-        names = ", ".join(plain)
-        raise SettingsError(f"knob must be one of {names}, got {word!r}.{hint}".rstrip("."))
+        raise SettingsError(f"knob must be one of {', '.join(plain)}, got {word!r}.{hint}".rstrip("."))
     return found[0]
 
 
@@ -248,11 +247,9 @@ def _show_theta(
     """Print θ of both sides; brackets, not only style, mark values that differ."""
     table = _side_by_side("θ", NAMES)
     for knobs in zip(left, right, strict=True):
-        differs = knobs[0]["differs"]
         values = [with_unit(each["text"], each["unit"]) for each in knobs]
-        texts = [
-            Text(f"[{value}]", style="bold") if differs else Text(value, style="dim") for value in values
-        ]
+        differs = knobs[0]["differs"]
+        texts = [Text(f"[{v}]", style="bold") if differs else Text(v, style="dim") for v in values]
         table.add_row(Text(printable(knobs[0]["name"])), *texts)
     console.print(table)
 
@@ -297,9 +294,8 @@ def show_status(now: Mapping[str, Any], status: Mapping[str, Any], console: Cons
         console: Where to print.
     """
     progress, best, outlook = now["progress"], status["best"], status["outlook"]
-    given = progress["given"]
-    plural = "" if given == 1 else "s"
-    lines = [f"{progress['experiments']} of {progress['n_max']} experiments, {given} comparison{plural}"]
+    given = f"{progress['given']} comparison{'' if progress['given'] == 1 else 's'}"
+    lines = [f"{progress['experiments']} of {progress['n_max']} experiments, {given}"]
     if status["simulated"] is not None:
         lines.append(status["simulated"]["line"])
     if best is not None:

@@ -12,7 +12,7 @@ from prefcal_agents.people import Bank
 from prefcal_agents.result import between, unbeaten
 from prefcal_app.session import Interview, Now, Outlook, Question, Side
 from prefcal_app.session.study import is_robust
-from prefcal_app.simulating import Screened, as_shown, at_stake, menu_names, why
+from prefcal_app.simulating import Carried, Screened, as_shown, at_stake, menu_names, why
 from prefcal_app.summary import Spread, after_a_slip, compared, unmeasured
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs import Knob
@@ -39,31 +39,31 @@ def screening_view(interview: Interview, now: Now, *, blind: bool) -> dict[str, 
     if not interview.known.screens:
         return None
     screened = interview.known.screened()
-    prospect = None if screened is None else screened.prospect
+    prospect, carried = (None, None) if screened is None else (screened.prospect, screened.carried)
+    # That the answer hardly changes the result; empty if it may, or while not known.
+    stakes = "" if carried is None or carried.stakes is None else at_stake(carried.stakes)
     asks = now.question is not None and now.question.repeats is None and not interview.known.missed
     return {
-        "why": "" if blind else " ".join(filter(None, (why_view(interview, now), _stakes(screened)))),
+        "why": "" if blind else " ".join(filter(None, (why_view(interview, now), stakes))),
         "offer": prospect.offer if asks and prospect is not None else "",
     }
 
 
-def _stakes(screened: Screened | None) -> str:
-    """Return that the answer hardly changes the result; empty if it may, or while not known."""
-    carried = None if screened is None else screened.carried
-    return "" if carried is None or carried.stakes is None else at_stake(carried.stakes)
+def _carried(interview: Interview) -> Carried | None:
+    """Return what carries the result; None while not known."""
+    screened = interview.known.screened()
+    return None if screened is None else screened.carried
 
 
 def decisive_view(interview: Interview) -> int | None:
     """Return the number of the answer that the result rests on; None without one, or while not known."""
-    screened = interview.known.screened()
-    carried = None if screened is None else screened.carried
+    carried = _carried(interview)
     return None if carried is None or carried.decisive is None else carried.decisive.answer
 
 
 def smaller_view(interview: Interview) -> list[float] | None:
     """Return θ of the smaller change, to look at and to ask for; None without one, or if it was shown."""
-    screened = interview.known.screened()
-    carried = None if screened is None else screened.carried
+    carried = _carried(interview)
     found = None if carried is None or carried.smaller is None else carried.smaller.theta
     shown = {sample.theta for sample in interview.now().state.history.samples}
     return None if found is None or found in shown else list(found)
@@ -227,8 +227,7 @@ def look_view(interview: Interview, theta: tuple[float, ...], seen: Seen | None 
     scenario = interview.scenario
     experiment = interview.look_at(np.array(theta))
     now = interview.now()
-    new = Side(-1, experiment, challenger=True, role="simulated")
-    old = new
+    old = new = Side(-1, experiment, challenger=True, role="simulated")
     if now.incumbent is not None:
         old = Side(now.incumbent, interview.past.experiment(now.incumbent), False, role="best so far")
     study = (Seen() if seen is None else seen).look(interview)
@@ -269,7 +268,7 @@ def over_view(
         "gain": None if now.incumbent is None else _gain(interview, now.incumbent, now, seen),
         "report": report_view(report),
         "command": command,
-        "next": next_view(interview, now, report),
+        "next": next_view(interview, report),
         "decisive": decisive_view(interview),
         "menu": menu_view(interview),
         "smaller": smaller_view(interview),
@@ -278,9 +277,9 @@ def over_view(
 
 def _gain(interview: Interview, best: int, now: Now, seen: Seen) -> dict[str, Any]:
     both = interview.past.experiment(0), interview.past.experiment(best)
-    baseline, scenario = baseline_of(now.state), interview.scenario
+    scenario = interview.scenario
     rows = gained(*both, scenario.shown_kpis, seen.look(interview).spread)
-    return gain_view(baseline, best, rows, theta_view(scenario.space, both[0]))
+    return gain_view(baseline_of(now.state), best, rows, theta_view(scenario.space, both[0]))
 
 
 def gain_view(
@@ -349,7 +348,7 @@ def gained(
 
 
 def _row(row: dict[str, Any]) -> dict[str, Any]:
-    verdict = {"left": "worse", "right": "better", None: ""}[row["better"]]
+    verdicts = {"left": "worse", "right": "better", None: ""}
     before, after = row["left"], row["right"]
     same = "no change" if before["text"] == after["text"] != MISSING else ""
     return {
@@ -358,15 +357,14 @@ def _row(row: dict[str, Any]) -> dict[str, Any]:
         "after": after["text"],
         "met": after["met"],
         "change": row["difference"] or same,
-        "verdict": verdict if row["size"] >= _SLIGHT else "",
+        "verdict": verdicts[row["better"]] if row["size"] >= _SLIGHT else "",
     }
 
 
-def next_view(interview: Interview, now: Now, report: Path | None) -> dict[str, Any]:
+def next_view(interview: Interview, report: Path | None) -> dict[str, Any]:
     """Return what can be done with the result."""
-    scenario = interview.scenario
     file = None if report is None or not (report / "best.json").is_file() else report / "best.json"
-    usable = scenario.controller is not None and file is not None
+    usable = interview.scenario.controller is not None and file is not None
     return {
         "python": f"prefcal_app.load_controller({str(file)!r})" if usable else "",
         "download": None if file is None else "/report/best.json",

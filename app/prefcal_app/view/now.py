@@ -73,13 +73,11 @@ def asked_view(
     Raises:
         StaleError: If there is no such question.
     """
-    question = interview.past.asked(answer)
-    closed = interview.past.closed(answer)
+    question, closed = interview.past.asked(answer), interview.past.closed(answer)
+    seen = (seen or Seen()).look(interview)
     return {
         "answer": answer,
-        "question": question_view(
-            question, interview.scenario, blind=blind, seen=(seen or Seen()).look(interview)
-        ),
+        "question": question_view(question, interview.scenario, blind=blind, seen=seen),
         "verdict": question.choice(closed.answer.preference).value,
         "retracted": closed.retracted,
         "comment": closed.comment,
@@ -139,24 +137,22 @@ def _stopping(now: Now) -> str | None:
     """Return when a run is stopped and what follows; None if runs cannot be stopped."""
     if now.run_limit is None:
         return None
-    limit = "Runs have no time limit"
-    if isfinite(now.run_limit):
-        limit = f"A run is stopped after {in_time(now.run_limit)}"
+    finite = isfinite(now.run_limit)
+    limit = f"A run is stopped after {in_time(now.run_limit)}" if finite else "Runs have no time limit"
     return (
         f"{limit} (--run-timeout). After a stop, try again or count the run as failed: the study continues."
     )
 
 
 def _progress(interview: Interview, now: Now) -> dict[str, Any]:
-    """Return the progress."""
-    planned = interview.known.planned
+    planned, counts = interview.known.planned, interview.known.counts
     further = now.question is not None and now.question.further
     return {
         "answered": planned.answered,
         "questions": planned.total,
         "text": planned.place(over=now.phase is Phase.OVER, further=further),
-        "given": interview.known.counts.comparisons,
-        "experiments": interview.known.counts.experiments,
+        "given": counts.comparisons,
+        "experiments": counts.experiments,
         "n_max": interview.known.n_max,
         "running": now.running,
     }
@@ -165,9 +161,7 @@ def _progress(interview: Interview, now: Now) -> dict[str, Any]:
 def simulated_view(now: Now) -> dict[str, Any] | None:
     """Return how many θ were simulated unseen, and that as lines; None if none are."""
     found = now.simulated
-    if found is None:
-        return None
-    return {**asdict(found), "line": found.line, "going_on": found.going_on}
+    return None if found is None else {**asdict(found), "line": found.line, "going_on": found.going_on}
 
 
 def _pending(interview: Interview, now: Now, *, blind: bool) -> Any:
@@ -207,9 +201,8 @@ def _good_enough(now: Now, *, blind: bool) -> Any:
     best = now.incumbent
     if best is None or GOOD_ENOUGH not in now.state.marks.get(best, frozenset()):
         return None
-    if best in now.state.history.unsafe(automatic=True):
-        return None
-    return {"number": None if blind else best + 1}
+    unsafe = best in now.state.history.unsafe(automatic=True)
+    return None if unsafe else {"number": None if blind else best + 1}
 
 
 def best_view(interview: Interview, now: Now) -> Any:
@@ -247,12 +240,11 @@ _POINTS = 81
 def status_view(interview: Interview) -> dict[str, Any]:
     """Return STATUS for the page."""
     now = interview.now()
-    consistency = interview.known.consistency
     return {
         "best": best_view(interview, now),
         "tried": _tried(interview, now),
         "slices": _slices(interview, now),
-        "consistency": {"text": in_words(consistency), "can_repeat": "repeat" in now.can},
+        "consistency": {"text": in_words(interview.known.consistency), "can_repeat": "repeat" in now.can},
         "outlook": outlook_view(interview.known.outlook),
         "questions": interview.known.questions,
         "simulated": simulated_view(now),
@@ -262,9 +254,8 @@ def status_view(interview: Interview) -> dict[str, Any]:
 
 def in_words(consistency: Consistency) -> str:
     """Return repeats and cycles as sentences."""
-    if not consistency.repeated:
-        repeats = "No question has been asked twice yet."
-    else:
+    repeats = "No question has been asked twice yet."
+    if consistency.repeated:
         repeats = f"{consistency.agreed} of {consistency.repeated} repeated questions got the same answer."
     if not consistency.cycles:
         return f"{repeats} The answers do not contradict each other."

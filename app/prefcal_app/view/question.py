@@ -85,15 +85,14 @@ _MOST = 4000
 
 def panel_view(panel: Plot) -> dict[str, Any]:
     """Return title, unit, target and limits of a panel."""
-    channel = panel.channel
-    symbol = channel.symbol
+    channel, symbol = panel.channel, panel.channel.symbol
     return {
         "title": channel.name if symbol in ("", channel.name) else f"{channel.name} {symbol}",
         "symbol": symbol or channel.name,
         "unit": channel.unit,
         "shape": "step" if panel.held else "line",
-        "low": _finite(channel.low),
-        "high": _finite(channel.high),
+        "low": _plain(channel.low),
+        "high": _plain(channel.high),
         "changing": [bool(panel.low_signal), bool(panel.high_signal)],
         "target": channel.target,
         "band": channel.band,
@@ -104,13 +103,19 @@ def curves_view(experiment: Experiment, panels: Sequence[Plot]) -> dict[str, Any
     """Return curves, changing references and limits, and each panel in words."""
     runs = experiment.runs or (experiment,)
     recorded = runs if len(experiment.t) else ()
-    found, held = [drawn(panels, run) for run in runs], [panel.held for panel in panels]
-    beside = [[_held(values, runs[0]) for values in each[1:]] for each in found[0]]
+    found, t = [drawn(panels, run) for run in runs], runs[0].t
+    beside = [
+        [None if values is None else curve(t, values, held=True) for values in each[1:]] for each in found[0]
+    ]
     return {
         "runs": len(runs),
         "curves": [
-            _curves([(run.t, each[i].values) for run, each in zip(recorded, found, strict=False)], held=steps)
-            for i, steps in enumerate(held)
+            [
+                curve(run.t, each[i].values, held=panel.held)
+                for run, each in zip(recorded, found, strict=False)
+                if np.isfinite(each[i].values).any()
+            ]
+            for i, panel in enumerate(panels)
         ],
         "references": [reference for reference, _, _ in beside],
         "limits": [limits for _, *limits in beside],
@@ -118,18 +123,6 @@ def curves_view(experiment: Experiment, panels: Sequence[Plot]) -> dict[str, Any
             _story(panel.channel, runs[0], each.values) for panel, each in zip(panels, found[0], strict=True)
         ],
     }
-
-
-def _curves(
-    runs: Sequence[tuple[Float[np.ndarray, " K"], Float[np.ndarray, " K"]]], *, held: bool
-) -> list[dict[str, Any]]:
-    """Return one curve per run, of instants and values; none without a record."""
-    return [curve(t, y, held=held) for t, y in runs if np.isfinite(y).any()]
-
-
-def _held(values: Float[np.ndarray, " K"] | None, experiment: Experiment) -> dict[str, Any] | None:
-    """Return the curve of a reference or limit that changes; None if the panel names none."""
-    return None if values is None else curve(experiment.t, values, held=True)
 
 
 def curve(t: Float[np.ndarray, " K"], y: Float[np.ndarray, " K"], *, held: bool) -> dict[str, Any]:
@@ -167,10 +160,6 @@ def _rounded(values: Float[np.ndarray, " K"]) -> list[float | None]:
     return rounded
 
 
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None
-
-
 def _story(channel: Channel, experiment: Experiment, y: Float[np.ndarray, " K"]) -> str:
     """Return a curve in words, for people who cannot see it."""
     if not len(experiment.t):
@@ -178,7 +167,6 @@ def _story(channel: Channel, experiment: Experiment, y: Float[np.ndarray, " K"])
     t, y = experiment.t[np.isfinite(y)], y[np.isfinite(y)]
     if not len(y):
         return f"{channel.name}: no values"
-    time_unit = experiment.channels.time_unit
     words = (
         f"{channel.name}: from {number(float(y[0]))} to {quantity(float(y[-1]), channel.unit)}, "
         f"lowest {number(float(y.min()))}, highest {number(float(y.max()))}"
@@ -191,7 +179,7 @@ def _story(channel: Channel, experiment: Experiment, y: Float[np.ndarray, " K"])
         return f"{words}, inside {target} all the time"
     if outside[-1] == len(t) - 1:
         return f"{words}, outside {target} at the end"
-    since = quantity(float(t[outside[-1] + 1]), time_unit)
+    since = quantity(float(t[outside[-1] + 1]), experiment.channels.time_unit)
     return f"{words}, inside {target} from {since} on"
 
 
@@ -203,7 +191,6 @@ _GRAIN = 20
 """Steps of an axis, up to twice as many: axes end at a step, so small growth moves nothing."""
 _KEPT = 24
 """Number of runs whose curves are kept for the page: those of the last questions."""
-
 _AT_ONCE = 200
 """Number of experiments read per look, to avoid waiting while thousands load from disk."""
 
@@ -568,11 +555,10 @@ def theta_texts(space: KnobSpace, theta: Iterable[float]) -> list[str]:
 def preview_view(interview: Interview, given: Given) -> dict[str, Any]:
     """Return PREVIEW for the page."""
     scenario, seen = interview.scenario, interview.preview(given)
-    experiment = seen.experiment
-    panels = panels_of(scenario, experiment)
+    experiment, study = seen.experiment, Seen().look(interview)
+    panels, unit = panels_of(scenario, experiment), experiment.channels.time_unit
     side = Side(given.index, experiment, challenger=True)
-    study = Seen().look(interview)
-    unit = experiment.channels.time_unit
+    first, last = (quantity(float(experiment.t[k]), unit) for k in (0, -1))
     return {
         "panels": [panel_view(panel) for panel in panels],
         "axes": study.frame(panels, experiment),
@@ -582,8 +568,7 @@ def preview_view(interview: Interview, given: Given) -> dict[str, Any]:
             **run_view(experiment, panels, scenario.shown_kpis, study),
         },
         "time_unit": unit,
-        "text": f"{len(experiment.t)} rows, from {quantity(float(experiment.t[0]), unit)} to "
-        f"{quantity(float(experiment.t[-1]), unit)}",
+        "text": f"{len(experiment.t)} rows, from {first} to {last}",
         "same": seen.same is not None,
         "warnings": list(warnings(seen)),
     }
@@ -602,9 +587,9 @@ def warnings(seen: Preview) -> Iterator[str]:
 
 def plant_view(scenario: Scenario, plant: PlantNow | None) -> dict[str, Any] | None:
     """Return what the page shows of a live plant; None if the scenario has none."""
-    source = scenario.source
     if plant is None:
         return None
+    source = scenario.source
     return {
         "changes": None if plant.changes is None else [_change(each) for each in plant.changes],
         "problem": plant.problem,
@@ -656,7 +641,7 @@ def _running(plant: PlantNow) -> dict[str, Any] | None:
 
 
 def _plain(value: float | None) -> float | None:
-    """Return a number for JSON, which has no NaN: None for bad quality."""
+    """Return a number for JSON, which has no NaN and no infinity: None for those."""
     return value if value is not None and isfinite(value) else None
 
 
@@ -685,17 +670,15 @@ def scenario_view(scenario: Scenario) -> dict[str, Any]:
 def _how(interview: Interview) -> str:
     """Return what the person is asked to do, and how long it takes."""
     planned = interview.known.planned
-    asked = (
-        "You are shown two experiments at a time and say which one went better: "
-        f"{planned.total} question{'' if planned.total == 1 else 's'}"
-    )
     minutes = max(round(planned.total * _SECONDS / 60), 1)
     pace = f"about {minutes} minute{'' if minutes == 1 else 's'} at {_SECONDS} s each"
     took = "at the pace of your experiments" if interview.scenario.source.asks else pace
     return (
-        f"{asked}, {took}. Follow your own judgment: there is no right answer, and “about the "
-        "same” and “can't tell” are answers too. Every answer is saved at once; you can stop and "
-        "resume at any time, and finish as soon as one experiment is good enough."
+        "You are shown two experiments at a time and say which one went better: "
+        f"{planned.total} question{'' if planned.total == 1 else 's'}, {took}. Follow your own "
+        "judgment: there is no right answer, and “about the same” and “can't tell” are answers too. Every "
+        "answer is saved at once; you can stop and resume at any time, and finish as soon as one experiment "
+        "is good enough."
     )
 
 

@@ -8,6 +8,7 @@ import threading
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import count
 from math import isfinite
 from pathlib import Path
 from types import MappingProxyType
@@ -17,7 +18,6 @@ from urllib.parse import parse_qsl
 import anyio
 import anyio.to_thread
 import msgspec
-import numpy as np
 from msgspec import Meta, Struct, defstruct
 from starlette.background import BackgroundTask
 from starlette.concurrency import run_in_threadpool
@@ -148,18 +148,20 @@ def read_query(query: bytes, fields: Mapping[str, Check]) -> dict[str, Any]:
     return {name: fields[name](name, value) for name, value in found.items()}
 
 
-def digits(name: str, value: str) -> int:
-    """Return the whole number, 0 or more, that is written in an address."""
-    if not re.fullmatch("[0-9]{1,15}", value):
-        raise MalformedError(f"{name} must be a whole number, 0 or more.")
-    return int(value)
+def _matching(pattern: str, read: Callable[[str], Any], words: str) -> Check:
+    """Return a check of what is written in an address; `words` say what it must be."""
+
+    def check(name: str, value: str) -> Any:
+        if not re.fullmatch(pattern, value):
+            raise MalformedError(f"{name} must be {words}.")
+        return read(value)
+
+    return check
 
 
-def number_of_answer(name: str, value: str) -> int:
-    """Return the whole number other than 0 that is written in an address."""
-    if not re.fullmatch("-?[1-9][0-9]{0,14}", value):
-        raise MalformedError(f"{name} must be a whole number other than 0.")
-    return int(value)
+digits = _matching("[0-9]{1,15}", int, "a whole number, 0 or more")
+number_of_answer = _matching("-?[1-9][0-9]{0,14}", int, "a whole number other than 0")
+bit = _matching("[01]", lambda text: text == "1", "0 or 1")
 
 
 def numbers(name: str, value: str) -> tuple[float, ...]:
@@ -173,18 +175,10 @@ def numbers(name: str, value: str) -> tuple[float, ...]:
     return found
 
 
-def bit(name: str, value: str) -> bool:
-    """Return whether the address says 1 rather than 0."""
-    if value not in ("0", "1"):
-        raise MalformedError(f"{name} must be 0 or 1.")
-    return bool(value == "1")
-
-
 # --- Build the server's responses: JSON, and errors as sentences for the person.
 
 Handler = Callable[[Request], Awaitable[Response]]
 
-_log = logging.getLogger(__name__)
 _KINDS: tuple[tuple[type[Exception], int, str], ...] = (
     (MalformedError, 400, "refused"),
     (StaleError, 409, "stale"),
@@ -198,11 +192,7 @@ _WORDS = {404: "There is nothing at this address.", 405: "This address does not 
 
 def encoded(view: Any) -> bytes:
     """Return JSON in UTF-8; NaN and infinite numbers become null."""
-    return msgspec.json.encode(view, enc_hook=_plain)
-
-
-def _plain(number: np.generic) -> Any:
-    return number.item()
+    return msgspec.json.encode(view, enc_hook=lambda number: number.item())
 
 
 def as_json(content: bytes, status: int = 200) -> Response:
@@ -224,9 +214,8 @@ def refused(error: Exception) -> tuple[int, str, str]:
     for type_, status, kind in _KINDS:
         if isinstance(error, type_):
             return status, str(error), kind
-    _log.error("a request failed", exc_info=error)
-    words = f"prefcal failed because of a bug in it ({type(error).__name__}: {error})."
-    return 500, words, "refused"
+    logging.getLogger(__name__).error("a request failed", exc_info=error)
+    return 500, f"prefcal failed because of a bug in it ({type(error).__name__}: {error}).", "refused"
 
 
 async def http_error(request: Request, error: Exception) -> Response:
@@ -313,9 +302,8 @@ class Pages:
         if found is None:
             raise HTTPException(404)
         content, media_type = found
-        headers = {}
-        if media_type.startswith("text/html"):
-            headers["content-security-policy"] = REPORT_POLICY
+        html = media_type.startswith("text/html")
+        headers = {"content-security-policy": REPORT_POLICY} if html else {}
         return Response(content, headers=headers, media_type=media_type)
 
 
@@ -385,7 +373,7 @@ class Verifying:
     def view(self) -> dict[str, Any]:
         """Return how far it is, and what came of it. Raises ScenarioError if that is damaged."""
         folder = self._reports.folder
-        said = None if folder is None or self.running else self._said()
+        said = None if self.running else self._said()
         return {
             "running": self.running,
             "runs": verification.varied_runs.RUNS,
@@ -435,18 +423,13 @@ def _view(said: "verification.result.Verified", folder: Path) -> dict[str, Any]:
                 "values": each.text,
                 "seed": each.seed,
                 "verdict": each.verdict,
-                "picture": _picture(folder, report.write.picture(k)),
+                "picture": f"/report/{name}" if (folder / name).is_file() else "",  # it may not be drawn
             }
-            for k, each in enumerate(said.worst)
+            for each, name in zip(said.worst, map(report.write.picture, count()), strict=False)
         ],
         "varied": list(said.varied),
         "left_out": list(said.left_out),
     }
-
-
-def _picture(folder: Path, name: str) -> str:
-    """Return the address of a picture; empty if the run could not be drawn."""
-    return f"/report/{name}" if (folder / name).is_file() else ""
 
 
 # --- Handle the requests of the page's script.
@@ -529,7 +512,7 @@ class Api:
         query = _query(request, {"after": digits, **_BLIND})
         after = query.get("after")
         self.seen(after is not None)
-        if after is not None and (await self._now()).version == after:
+        if after is not None and (await run_in_threadpool(self.interview.now)).version == after:
             await self._change(after, self.pace.poll)
             self.seen(True)
         return await self._shown(query)
@@ -539,8 +522,7 @@ class Api:
         query = _query(request, _BLIND)
         try:
             answer = number_of_answer("answer", request.path_params["answer"])
-            blind = query.get("blind", False)
-            return as_json(await run_in_threadpool(self._asked, answer, blind))
+            return as_json(await run_in_threadpool(self._asked, answer, query.get("blind", False)))
         except (MalformedError, StaleError) as error:
             raise HTTPException(404) from error
 
@@ -554,7 +536,7 @@ class Api:
         query = _query(request, {"theta": numbers, **_BLIND})
         if "theta" not in query:
             raise MalformedError("The request does not say which θ to look at.")
-        return as_json(await run_in_threadpool(lambda: encoded(look_view(self.interview, query["theta"]))))
+        return await _seen(partial(look_view, self.interview, query["theta"]))
 
     async def act(self, request: Request, name: str) -> Response:
         """Do the action `name`, whose fields are the JSON body."""
@@ -570,20 +552,18 @@ class Api:
     async def preview(self, request: Request) -> Response:
         """Return what would be saved of a record, with its curves."""
         _, given = await _given(request)
-        preview = partial(preview_view, self.interview, given)
-        return as_json(await run_in_threadpool(lambda: encoded(preview())))
+        return await _seen(partial(preview_view, self.interview, given))
 
     async def seen_of(self, request: Request, view: Callable[[], Any]) -> Response:
         """Return what a function returns that is no branch of the interview's view."""
         _query(request, _BLIND)
-        return as_json(await run_in_threadpool(lambda: encoded(view())))
+        return await _seen(view)
 
     async def done_of(
         self, request: Request, do: Callable[..., None], kind: type[Struct], view: Callable[[], Any]
     ) -> Response:
         """Call a function with a body of this kind, and return what `view` returns then."""
-        given = await _body(request, kind)
-        await run_in_threadpool(partial(do, **given))
+        await run_in_threadpool(partial(do, **await _body(request, kind)))
         return await self.seen_of(request, view)
 
     async def close(self, request: Request) -> Response:
@@ -599,14 +579,10 @@ class Api:
         if not isinstance(error, StaleError):
             return b"null"
         try:
-            query = _query(request, _RECORD)
-            return bytes((await self._shown(query)).body)
+            return bytes((await self._shown(_query(request, _RECORD))).body)
         except Exception as second:
             refused(second)
             return b"null"
-
-    async def _now(self) -> Now:
-        return await run_in_threadpool(self.interview.now)
 
     async def _shown(self, query: dict[str, Any]) -> Response:
         return as_json(await run_in_threadpool(self._shown_now, query.get("blind", False)))
@@ -648,7 +624,7 @@ class Api:
         end = anyio.current_time() + self.pace.after_answer
         while now.phase is Phase.RUNNING and anyio.current_time() < end:
             await self._change(now.version, end - anyio.current_time())
-            now = await self._now()
+            now = await run_in_threadpool(self.interview.now)
         return await self._shown(query)
 
     async def _change(self, version: int, timeout: float) -> None:
@@ -662,6 +638,10 @@ class Api:
             if (await anyio.to_thread.run_sync(wait, limiter=self.waiting)).version != version:
                 return
             await anyio.sleep(_PAUSE)
+
+
+async def _seen(view: Callable[[], Any]) -> Response:
+    return as_json(await run_in_threadpool(lambda: encoded(view())))
 
 
 def _query(request: Request, fields: dict[str, Any]) -> dict[str, Any]:
@@ -681,14 +661,8 @@ async def _given(request: Request) -> tuple[dict[str, Any], Given]:
         raise HTTPException(415, "The record must be a CSV or Parquet file, sent as text/csv.")
     if "index" not in query:
         raise MalformedError("The request does not say which experiment the record belongs to.")
-    given = Given(
-        query["index"],
-        await request.body(),
-        query.get("unsafe", False),
-        query.get("theta"),
-        query.get("again", False),
-    )
-    return query, given
+    unsafe, again = query.get("unsafe", False), query.get("again", False)
+    return query, Given(query["index"], await request.body(), unsafe, query.get("theta"), again)
 
 
 def _sent_as(request: Request, media_type: str) -> bool:

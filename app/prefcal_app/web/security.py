@@ -49,9 +49,7 @@ class Assets:
         wanted = [file for file in found if file.is_file() and Path(file.name).suffix in _TYPES]
         self._contents = {file.name: file.read_bytes() for file in wanted}
         self._contents[_PLOTLY] = (_STATIC / "plotly" / _PLOTLY).read_bytes()
-        self._tags = {
-            name: f'"{sha256(content).hexdigest()[:20]}"' for name, content in self._contents.items()
-        }
+        self._tags = {name: f'"{sha256(it).hexdigest()[:20]}"' for name, it in self._contents.items()}
 
     def response(self, name: str, request: Request) -> Response:
         """Return the file called `name`, or that the browser has it already.
@@ -219,8 +217,6 @@ class Refusal:
 NO_COOKIE = Refusal(
     401, "This page belongs to a study: open it with the link that prefcal printed in the terminal."
 )
-
-
 _LATE = Refusal(408, f"This took longer than {BODY_SECONDS:g} s to arrive. Nothing was saved; send it again.")
 
 
@@ -358,16 +354,12 @@ async def _answer(scope: Scope, receive: Receive, send: Send, refusal: Refusal) 
     await response(scope, receive, send)
 
 
-def _framed(headers: Mapping[bytes, bytes]) -> dict[bytes, bytes]:
-    """Return the headers of a window that pages of this machine may frame."""
-    kept = {name: value for name, value in headers.items() if name != b"x-frame-options"}
-    policy = kept[b"content-security-policy"]
-    forbidden, allowed = b"frame-ancestors 'none'", b"frame-ancestors " + FRAMING
-    return kept | {b"content-security-policy": policy.replace(forbidden, allowed)}
-
-
 def _with_headers(send: Send, framed: bool) -> Send:
-    standard = _framed(HEADERS) if framed else HEADERS
+    standard = dict(HEADERS)
+    if framed:
+        del standard[b"x-frame-options"]
+        forbidden, allowed = b"frame-ancestors 'none'", b"frame-ancestors " + FRAMING
+        standard[b"content-security-policy"] = POLICY.encode().replace(forbidden, allowed)
 
     async def sending(message: Message) -> None:
         if message["type"] == "http.response.start":
@@ -402,17 +394,15 @@ _BUSY = (
 )
 """What a connection is told that has to make way for a newer one."""
 
-_Waiting = dict[str, dict["Connection", None]]
-
 
 class Connection(H11Protocol):
     """A uvicorn connection that closes if its request does not arrive.
 
-    If a peer has too many of them, the oldest one is answered with 503 and closes: an honest
-    request arrives at once.
+    Those of a window share `waiting`: by peer, the ones without a complete request. If a peer has too
+    many of them, the oldest one is answered with 503 and closes: an honest request arrives at once.
     """
 
-    def __init__(self, *args: Any, waiting: _Waiting, **kwargs: Any) -> None:
+    def __init__(self, *args: Any, waiting: dict[str, dict["Connection", None]], **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self._waiting = waiting
         self._timer: asyncio.TimerHandle | None = None

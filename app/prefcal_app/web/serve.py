@@ -1,6 +1,5 @@
 """Serve the page: the application, its site and thread, and the browser that opens it."""
 
-import asyncio
 import errno
 import os
 import secrets
@@ -13,7 +12,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 import uvicorn
 from starlette.applications import Starlette
@@ -51,24 +50,18 @@ def open_browser(
         return False
     try:
         browser = webbrowser.get()
-        if _is_text(browser):
-            return False
-        return bool(browser.open(link))
+        # One that runs in the foreground needs the terminal, too.
+        name = os.path.basename(str(getattr(browser, "name", "")))
+        text = name in _TEXT or type(browser) is webbrowser.GenericBrowser
+        return not text and bool(browser.open(link))
     except (webbrowser.Error, OSError):
         return False
-
-
-def _is_text(browser: webbrowser.BaseBrowser) -> bool:
-    """Return whether a browser needs the terminal: by name, or since it runs in the foreground."""
-    name = os.path.basename(str(getattr(browser, "name", "")))
-    return name in _TEXT or type(browser) is webbrowser.GenericBrowser
 
 
 # --- Serve an application on a socket of its own, in its own thread, behind a secret link.
 
 _GRACE = 1
 """Seconds to finish open requests when the site closes."""
-
 
 Making = Callable[..., Starlette]
 """Function of `token`, `port` and `hosts` that builds the application of a site."""
@@ -99,7 +92,8 @@ class Site:
         self.link_for_others = outside and f"http://{outside}:{self.port}/open/{token}"
         app = make(token=token, port=self.port, hosts=Hosts.of(address, self.port))
         self._server = uvicorn.Server(_config(app))
-        self._thread = threading.Thread(target=self._serve, name="window", daemon=True)
+        run = partial(self._server.run, sockets=[self._socket])
+        self._thread = threading.Thread(target=run, name="window", daemon=True)
 
     def __enter__(self) -> Self:
         self._thread.start()
@@ -117,29 +111,13 @@ class Site:
     def release(self) -> None:
         """Answer all requests that wait; no new one is accepted any more."""
 
-    def _serve(self) -> None:
-        self._server.run(sockets=[self._socket])
-
-
-def _connections() -> type[asyncio.Protocol]:
-    """Return a connection class whose instances share their list of waiting connections."""
-    waiting: dict[str, dict[Connection, None]] = {}
-
-    class Ours(Connection):
-        """A connection of one window."""
-
-        def __init__(self, *args: Any, **kwargs: Any) -> None:
-            super().__init__(*args, waiting=waiting, **kwargs)
-
-    return Ours
-
 
 def _config(app: Callable[..., object]) -> uvicorn.Config:
     """Return uvicorn settings: no log, and nothing taken from the environment or proxies."""
     return uvicorn.Config(
         app,
         loop="asyncio",
-        http=_connections(),
+        http=partial(Connection, waiting={}),  # type: ignore[arg-type]  # uvicorn only calls it
         ws="none",
         lifespan="off",
         log_config=None,
@@ -214,12 +192,8 @@ def make_app(
         verifying: What verifies the result; one of its own if None.
     """
     pages = Pages(Assets(static), api.reports, token, port)
-    return guarded(
-        pages,
-        _of_api(api, verifying or Verifying(api.reports)),
-        hosts or Hosts.of("127.0.0.1", port),
-        framed=framed,
-    )
+    routes = _of_api(api, verifying or Verifying(api.reports))
+    return guarded(pages, routes, hosts or Hosts.of("127.0.0.1", port), framed=framed)
 
 
 def guarded(pages: Pages, api: list[Route], hosts: Hosts, *, framed: bool = False) -> Starlette:

@@ -86,12 +86,8 @@ def ask(
     if study is not None and (earlier := _OPEN.get(study_path(study).resolve())) is not None:
         earlier.close()
     given = _given(options)
-    own = scenario if isinstance(scenario, Scenario) else None
-    given |= {
-        "scenario": scenario.name if isinstance(scenario, Scenario) else scenario,
-        "study": study,
-        "out": None if out is None else Path(out),
-    }
+    own, name = (scenario, scenario.name) if isinstance(scenario, Scenario) else (None, scenario)
+    given |= {"scenario": name, "study": study, "out": None if out is None else Path(out)}
     return Asking(own, given, height)
 
 
@@ -283,24 +279,12 @@ class Asking:
         self.close()
 
     def _repr_html_(self) -> str:
-        return _framed(self.link, self._height)
+        # A frame works if the notebook's own page comes from localhost or 127.0.0.1: browsers keep the
+        # page's cookie from frames on pages of other sites. Elsewhere the link remains.
+        name = f"prefcal-{self.link.rpartition('/')[2][:12]}"
+        template = Environment(autoescape=True).from_string(_HTML)
+        return template.render(link=self.link, name=name, height=f"{self._height}px")
 
     def __repr__(self) -> str:
-        counts = self._interview.known.counts
-        name = self.study or "not kept"
+        counts, name = self._interview.known.counts, self.study or "not kept"
         return f"<study {name}: {counts.experiments} experiments, {counts.comparisons} answers>"
-
-
-def _framed(link: str, height: int) -> str:
-    """Return HTML with a link to the page, and a frame with it where browsers allow that.
-
-    A frame works if the notebook's own page comes from localhost or 127.0.0.1: browsers keep the
-    page's cookie from frames on pages of other sites. Elsewhere the link remains.
-
-    Args:
-        link: Link of the page, with its secret.
-        height: Height of the frame in pixels.
-    """
-    name = f"prefcal-{link.rpartition('/')[2][:12]}"
-    template = Environment(autoescape=True).from_string(_HTML)
-    return template.render(link=link, name=name, height=f"{height}px")

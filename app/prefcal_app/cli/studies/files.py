@@ -139,8 +139,9 @@ def _problem(configuration: Mapping[str, Any]) -> str:
     """Return what is wrong with a configuration, or "" if it is valid."""
     try:
         options = msgspec.convert(dict(configuration), _Configuration).options
-    except msgspec.ValidationError as error:
-        return _in_words(error)
+    except msgspec.ValidationError as error:  # such as "Expected `str`, got `int` - at `$.name`"
+        problem, _, where = str(error).replace("`", "").partition(" - at $.")
+        return f"its {where or 'configuration'}: {problem[:1].lower()}{problem[1:]}"
     if "calibrator" not in options:
         return "its options must name a calibrator"
     for name, (parameter, _) in kept_by(Options).items():
@@ -150,13 +151,6 @@ def _problem(configuration: Mapping[str, Any]) -> str:
         except msgspec.ValidationError:
             return f"its option {name} cannot be {options[name]!r:.40}"
     return ""
-
-
-def _in_words(error: msgspec.ValidationError) -> str:
-    """Return a parser message like "Expected `str`, got `int` - at `$.name`" in our words."""
-    problem, _, where = str(error).replace("`", "").partition(" - at $.")
-    problem = problem[:1].lower() + problem[1:]
-    return f"its {where}: {problem}" if where else f"its configuration: {problem}"
 
 
 def print_list(*, json: bool) -> None:
@@ -169,14 +163,12 @@ def print_list(*, json: bool) -> None:
         print("No studies yet: `prefcal calibrate cstr` starts one.")
         return
     # Plain lines, however long: a table that breaks names would keep them from being copied.
-    cells = [_HEADINGS, *([printable(cell) for cell in _cells(row)] for row in rows)]
+    headings = ["study", "scenario", "experiments", "answers", "started", "state"]
+    cells = [headings, *([printable(cell) for cell in _cells(row)] for row in rows)]
     widths = [max(map(cell_len, column)) for column in zip(*cells, strict=True)]
     for line in cells:
         padded = (set_cell_size(text, width) for text, width in zip(line, widths, strict=True))
         print("  ".join(padded).rstrip())
-
-
-_HEADINGS = ["study", "scenario", "experiments", "answers", "started", "state"]
 
 
 def _cells(row: Mapping[str, Any]) -> list[str]:
@@ -262,7 +254,7 @@ def best_theta(state: State) -> dict[str, float] | None:
 
 def _answers(state: State) -> Iterator[dict[str, Any]]:
     for closed in state.answers:
-        again = closed.repeats is not None
+        said = "retracted" if closed.retracted else ""
         yield {
             "at": _minute(closed.at),
             "challenger": closed.challenger + 1,
@@ -272,7 +264,7 @@ def _answers(state: State) -> Iterator[dict[str, Any]]:
             "automatic": [mark.value for mark in closed.answer.automatic],
             "comment": closed.comment,
             "blind": closed.blind,
-            "said": "asked again" if again else "retracted" if closed.retracted else "",
+            "said": said if closed.repeats is None else "asked again",
         }
 
 
@@ -326,7 +318,10 @@ def completed(given: Mapping[str, Any]) -> dict[str, Any]:
     cost = given.get("cost")
     if kept:
         source = _trusted(str(study), kept["scenario"], source)
-        cost = _kept_cost(kept["options"]) if cost is None else cost
+        known = kept["options"].get("cost")
+        # A study from another person must not decide which program runs here; a KPI's name is none.
+        if cost is None and known is not None and not is_own(str(known)):
+            cost = str(known)
     return {**given, "scenario": source, "cost": cost}
 
 
@@ -362,25 +357,10 @@ def _described(given: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
-def _kept_cost(stored: Mapping[str, Any]) -> str | None:
-    """Return the cost to use again from the options that a study keeps; None for a program.
-
-    A study from another person must not decide which program runs here; a KPI's name is none.
-    """
-    cost = stored.get("cost")
-    return None if cost is None or is_own(str(cost)) else str(cost)
-
-
 def _trusted(name: str, named: str, source: str | None) -> str:
-    """Return the scenario of the study called `name`, if the user trusts it.
+    """Return the scenario of the study called `name`, if the user trusts it, else raise StudyError.
 
-    Args:
-        name: Name of the study.
-        named: Scenario that the study names.
-        source: Scenario that the user names; None to use the study's if it is built in.
-
-    Raises:
-        StudyError: If the study names a program and the user does not.
+    The study names the scenario `named`; `source` is the user's, None to use a built-in one of the study.
     """
     if source is None and not is_built_in(named):
         # A study from another person must not decide which program runs here.
@@ -423,14 +403,14 @@ def remove(names: Sequence[str], *, yes: bool) -> int:
     described = {name: _study_in_words(name, path) for name, path in named.items()}
     if not yes and not sys.stdin.isatty():
         raise StudyError("cannot ask for confirmation here: add --yes to remove without a question")
-    kept = 0
+    code = 0
     for name, path in named.items():
-        if not yes and not _confirmed(described[name]):
-            kept += 1
-            continue
-        remove_study(path)
-        print(f"Removed: {printable(name)}")
-    return 1 if kept else 0
+        if yes or _confirmed(described[name]):
+            remove_study(path)
+            print(f"Removed: {printable(name)}")
+        else:
+            code = 1
+    return code
 
 
 def _study_in_words(name: str, path: Path) -> str:
@@ -463,7 +443,10 @@ def export_study(name: str, format_: str, out: Path | None) -> Path:
             return EXPORTS[format_](file, Path(path.stem) if out is None else out)
         text = export_json(file)
     target = Path(f"{path.stem}.json") if out is None else out
-    _write(target, text)
+    try:
+        target.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise StudyError(f"cannot write {target}: {error.strerror or error}") from error
     return target
 
 
@@ -485,18 +468,10 @@ def import_study(source: Path, name: str | None) -> Path:
 def findings_of(name: str) -> tuple[int, tuple[str, ...]]:
     """Return the number of events of a study, and the problems found in them."""
     path = existing(name)
-    findings = verify(path)
-    if findings:
+    if findings := verify(path):
         return 0, tuple(findings)
     with StudyFile.open(path, clock=wall_clock, reading=True) as file:
         return sum(1 for _ in file.events()), ()
-
-
-def _write(target: Path, text: str) -> None:
-    try:
-        target.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise StudyError(f"cannot write {target}: {error.strerror or error}") from error
 
 
 # --- Change the knobs of a study: search another range, keep a knob, or add one.
@@ -537,7 +512,9 @@ def respace(changes: RespaceOptions, source: str) -> KnobSpace:
 
 def _event(state: State, scenario: KnobSpace, changes: RespaceOptions) -> tuple[Respaced, KnobSpace]:
     old = with_constraints(space_of(state.configuration), scenario)
-    parts = {**_parts(state, old, scenario), **_asked(changes, scenario)}
+    ranges, frozen = (changes.knob, "KNOB=LOW:HIGH"), (changes.freeze, "KNOB=VALUE")
+    asked = [part for each in (ranges, frozen) for part in _read(*each, scenario)]
+    parts = {**_parts(state, old, scenario), **dict(asked)}
     added = {name: value for name, (value, _) in _read(changes.add, "KNOB=VALUE", scenario)}
     # A knob is widened if necessary to include its part.
     knobs = [
@@ -567,11 +544,6 @@ def _parts(state: State, old: KnobSpace, scenario: KnobSpace) -> dict[str, _Part
     }
 
 
-def _asked(changes: RespaceOptions, scenario: KnobSpace) -> dict[str, _Part]:
-    ranges = _read(changes.knob, "KNOB=LOW:HIGH", scenario)
-    return dict([*ranges, *_read(changes.freeze, "KNOB=VALUE", scenario)])
-
-
 def _read(texts: Sequence[str], form: str, scenario: KnobSpace) -> Iterator[tuple[str, _Part]]:
     """Yield knobs and the ends of their ranges, equal ones for a single value."""
     for text in texts:
@@ -579,15 +551,13 @@ def _read(texts: Sequence[str], form: str, scenario: KnobSpace) -> Iterator[tupl
         ends = value.split(":")
         if not (word and equals) or len(ends) != form.count(":") + 1:
             raise SettingsError(f"expected {form}, got {text!r}")
-        numbers = [_number(end, text) for end in ends]
+        numbers = []
+        for end in ends:
+            try:
+                numbers.append(float(end))
+            except ValueError as error:
+                raise SettingsError(f"expected a number, got {end!r} in {text!r}") from error
         yield knob_called(word.strip(), scenario), (numbers[0], numbers[-1])
-
-
-def _number(text: str, whole: str) -> float:
-    try:
-        return float(text)
-    except ValueError as error:
-        raise SettingsError(f"expected a number, got {text!r} in {whole!r}") from error
 
 
 def in_words(space: KnobSpace) -> Iterator[str]:
