@@ -182,9 +182,6 @@ def _cell(value: Any) -> Any:
     return "" if value is None else value
 
 
-# --- Find damage in a study file.
-
-
 def verify(path: Path | str) -> tuple[str, ...]:
     """Return descriptions of all damage in the study file at `path`; empty if there is none.
 
