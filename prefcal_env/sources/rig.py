@@ -178,10 +178,6 @@ class Rig(Source):
         Separators are commas, semicolons, tabs, bars or spaces; without commas, numbers may have a
         decimal comma. Lines that begin with # and unknown columns are ignored. Time stamps count
         from the earliest one.
-
-        Raises:
-            RecordError: If the record is not valid; the message lists all problems, with line
-                numbers as shown by an editor.
         """
         if isinstance(source, str):
             if not source.strip():
