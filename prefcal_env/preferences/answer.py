@@ -20,8 +20,6 @@ from prefcal_env.knobs import KnobSpace, is_number, theta_key
 from prefcal_env.plain import from_plain, to_plain
 from prefcal_env.workers import ATTEMPTS
 
-# --- Outcome of an experiment as an agent sees it: KPIs without trajectories.
-
 _NUMBERS: Mapping[Any, float] = {"inf": np.inf, "-inf": -np.inf}
 
 

@@ -22,8 +22,6 @@ from prefcal_env.errors import RunError
 
 from .inside import Kind, Message, receive, send
 
-# --- Start, use and end one worker process, with everything that its code started.
-
 GRACE = 2.0
 """Seconds for the user's code to stop its plant (finally, with) before it is killed."""
 _LAST_WORDS = 0.2
@@ -137,11 +135,10 @@ class Process:
         It is the last line of the user's own code, "own.py:12: x = 1 / 0", or empty.
         """
         try:
-            if self._grace:
-                self._process.terminate()
-                self._process.wait(self._grace)
-        except subprocess.TimeoutExpired:
-            pass
+            with suppress(subprocess.TimeoutExpired):
+                if self._grace:
+                    self._process.terminate()
+                    self._process.wait(self._grace)
         finally:
             self.kill()
         self._thread.join(_LAST_WORDS)
@@ -160,10 +157,9 @@ class Process:
     def leave(self) -> None:
         """End the process while nothing runs; the user's code can clean up at exit."""
         try:
-            self.dismiss()
-            self._process.wait(GRACE)
-        except subprocess.TimeoutExpired:
-            pass
+            with suppress(subprocess.TimeoutExpired):
+                self.dismiss()
+                self._process.wait(GRACE)
         finally:
             self.kill()
 
