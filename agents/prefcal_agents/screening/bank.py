@@ -23,7 +23,7 @@ from prefcal_agents.people import (
     corrected,
     updated,
 )
-from prefcal_agents.result import Pool
+from prefcal_agents.result import Pool, limited
 from prefcal_agents.search import Region, latin_hypercube
 from prefcal_env.arrays import integer
 from prefcal_env.errors import PreferenceError, SettingsError, SimulationError
@@ -433,9 +433,7 @@ class Growth:
             rng = self._rng(past, _CORRECT)
             logs = corrected(bank.z, logs, rows, scale(seen, rows.tolist()), len(some), rng)
             expected = np.median(logs, axis=0)
-        costs = some.costs(logs)
-        rough = len(rows) > 0
-        return Stage(seen, spread, scale, expected, utilities, costs, rough)
+        return Stage(seen, spread, scale, expected, utilities, some.costs(logs), rough=len(rows) > 0)
 
     def _drawn(self, scale: Scale) -> Utilities:
         return Utilities.drawn(scale, DRAWS, self._rng(History(), _LEARN))
@@ -455,8 +453,7 @@ class Growth:
         if scale.names != stage.scale.names:  # a KPI was always the same before: begin again
             before, utilities = History(), self._drawn(scale)
         elif not np.array_equal(scale.limits, stage.scale.limits):  # a KPI found a better value
-            limits = np.where(np.isfinite(utilities.limits), scale.limits, np.inf)
-            utilities = replace(utilities, limits=limits)
+            utilities = limited(scale, utilities)
         utilities = self._learned(past, before, bank, scale, utilities)
         judges = _GUIDES if near else _JUDGES
         stage = self._stage(past, bank, spread, scale, utilities, judges)
