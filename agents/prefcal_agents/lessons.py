@@ -11,8 +11,6 @@ from jaxtyping import Bool, Float, Int
 from prefcal_env.preferences.answer import Answer, Mark, Outcome
 from prefcal_env.preferences.history import Comparison, History
 
-# --- Extract training data from a history: preferences, scores, KPIs and marks, as arrays.
-
 _GOOD = (Mark.CHALLENGER_GOOD_ENOUGH, Mark.INCUMBENT_GOOD_ENOUGH)
 
 

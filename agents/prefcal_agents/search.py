@@ -18,8 +18,6 @@ from prefcal_env.preferences.history import History
 from .lessons import MOST, Marks, cube_of
 from .surrogate import RADIAL_FUNCTIONS, PreferenceGP, Surrogate, squared_distances
 
-# --- Count the different θ of a space.
-
 _COUNTED = 100_000  # spaces with at most this many θ are checked against the constraints
 _MANY = 10**6  # a knob with more values counts as having no step
 
