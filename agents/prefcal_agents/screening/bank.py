@@ -182,23 +182,14 @@ class Simulations:
         return found
 
     def _keep(self, new: Mapping[bytes, Theta], results: Sequence[Any]) -> None:
-        """Keep the KPIs that the first of `new` returned; none where a simulation failed."""
-        found = [{} if result is None else result for result in results]
-        try:
-            kpis = list(map(numbers, found))
-        except PreferenceError:
-            return self._keep_until_refused(new, found)
-        return self._known.update(zip(new, kpis, strict=False))
-
-    def _keep_until_refused(self, new: Mapping[bytes, Theta], found: Sequence[Any]) -> None:
-        """Keep the KPIs before the first of `found` that are none; raise SimulationError about it."""
-        for (key, theta), each in zip(new.items(), found, strict=False):
+        """Keep the KPIs that the first of `new` returned, up to what are none; {} where one failed."""
+        for (key, theta), result in zip(new.items(), results, strict=False):
             try:
-                self._known[key] = numbers(each)
+                self._known[key] = numbers({} if result is None else result)
             except PreferenceError as error:
                 raise SimulationError(
                     f"simulate must return a mapping from names of KPIs to numbers, or None if it failed, "
-                    f"got {each!r} at θ = {theta}"
+                    f"got {result!r} at θ = {theta}"
                 ) from error
 
     def _check_any(self) -> None:
