@@ -321,19 +321,18 @@ def _computed(kpis: Callable[[Experiment], Mapping[str, float]], made: Experimen
 def _refuse(problems: list[str]) -> None:
     if not problems:
         return
-    listed = problems[:_MOST_LISTED]
-    if len(problems) > _MOST_LISTED:
-        listed.append(f"and {len(problems) - _MOST_LISTED} more")
-    raise RecordError("; ".join(listed))
+    more = [f"and {len(problems) - _MOST_LISTED} more"] if len(problems) > _MOST_LISTED else []
+    raise RecordError("; ".join([*problems[:_MOST_LISTED], *more]))
 
 
 class _RigRun(Run):
     """A run that a person does; its experiment is read from the record that they supply."""
 
+    waits = True
+
     def __init__(self, rig: Rig, theta: Float[np.ndarray, " n"]) -> None:
         self._rig, self._theta = rig, theta
         self._given: Given | None = None
-        self.waits = True
 
     def advance(self) -> Experiment | None:
         if self._given is None:
