@@ -574,12 +574,10 @@ def _sample(state: State, seq: int, index: int) -> None:
 
 
 def _suggested(state: State, seq: int, _at: str, event: Suggested) -> State:
-    history, is_due = state.history, event.index == len(state.history.samples)
-    _require(is_due, seq, f"sample {event.index} is not due")
+    _require(event.index == len(state.history.samples), seq, f"sample {event.index} is not due")
     _require(len(event.z) == len(event.theta) > 0, seq, "z and theta differ in length")
     # No question is open here, except one that changed settings have made obsolete.
-    history = history.with_another(Sample(event.z, event.theta))
-    return replace(state, history=history, open=None)
+    return replace(state, history=state.history.with_another(Sample(event.z, event.theta)), open=None)
 
 
 def _taken(state: State, _seq: int, _at: str, event: Taken) -> State:
@@ -659,8 +657,7 @@ def _replaced(state: State, seq: int, _at: str, event: Replaced) -> State:
 def _shown(state: State, seq: int, _at: str, event: Shown) -> State:
     for index in (event.challenger, event.incumbent):
         _require(index in state.finished, seq, f"there is no experiment of sample {index}")
-    apart = event.challenger != event.incumbent
-    _require(apart, seq, "an experiment is not compared with itself")
+    _require(event.challenger != event.incumbent, seq, "an experiment is not compared with itself")
     return replace(state, open=(seq, event))
 
 
@@ -674,18 +671,16 @@ def _marked(state: State, seq: int, _at: str, event: Marked) -> State:
 
 
 def _answered(state: State, seq: int, at: str, event: Answered) -> State:
-    scored = event.question is None and event.incumbent is not None
-    first = event.question is None and not scored
     shown = None if state.open is None or state.open[0] != event.question else state.open[1]
     pair = None if shown is None else (shown.challenger, shown.incumbent)
-    if first:
+    if event.question is None and event.incumbent is None:
         _require(
-            event.challenger == 0 == state.history.answered and event.incumbent is None,
+            event.challenger == 0 == state.history.answered,
             seq,
             "only the first experiment is compared with nothing",
         )
         _require(0 in state.finished, seq, "there is no experiment of sample 0")
-    elif scored:
+    elif event.question is None:
         for index in (event.challenger, event.incumbent):
             _require(index in state.finished, seq, f"there is no experiment of sample {index}")
     else:
@@ -726,8 +721,8 @@ def _noted(state: State, _seq: int, at: str, event: Noted) -> State:
 
 
 def _extended(state: State, seq: int, _at: str, event: Extended) -> State:
-    answered = state.history.answered
-    _require(event.n_max >= answered, seq, f"n_max {event.n_max} is below what is answered")
+    holds = event.n_max >= state.history.answered
+    _require(holds, seq, f"n_max {event.n_max} is below what is answered")
     return replace(state, n_max=event.n_max)
 
 
@@ -763,7 +758,6 @@ def _respaced(state: State, seq: int, _at: str, event: Respaced) -> State:
     configuration = {**state.configuration, **event.space, "agent": {**agent, **event.agent}, "respaced": seq}
     old, new = space_of(state.configuration), space_of(configuration)
     space_of({"knobs": event.space["scenario_knobs"]})
-
     try:
         history = kept.history.moved(old, new, event.added)
         proposed = {
