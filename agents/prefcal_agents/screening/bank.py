@@ -431,12 +431,10 @@ class Growth:
 
     def _following(self, past: History, before: History, stage: Stage) -> Stage:
         """Return the stage after `past`, given the one after `before`, a step earlier."""
-        if past.answered == before.answered:
-            return self._followed(past, before, stage)
-        return self._grown(past, before, stage)
-
-    def _grown(self, past: History, before: History, stage: Stage) -> Stage:
-        """Return the stage after `past`, given the one after `before`, an answer earlier."""
+        if past.answered == before.answered:  # follow-ups teach, but bring no new θ
+            bank = self._simulated(stage.bank.z, stage.bank.thetas)
+            utilities = self._learned(past, before, bank, stage.scale, stage.utilities)
+            return self._stage(past, bank, stage.spread, stage.scale, utilities)
         turn = past.answered - 1  # the first one is compared with nothing
         wide, near = self._plan[turn] if 0 < turn < len(self._plan) else (0, 0)
         bank, spread = self._widened(stage, past, turn, wide)
@@ -449,12 +447,6 @@ class Growth:
         judges = _GUIDES if near else _JUDGES
         stage = self._stage(past, bank, spread, scale, utilities, judges)
         return self._refined(past, stage, near)
-
-    def _followed(self, past: History, before: History, stage: Stage) -> Stage:
-        """Return the stage after the follow-ups of `past`, which teach, but bring no new θ."""
-        bank = self._simulated(stage.bank.z, stage.bank.thetas)
-        utilities = self._learned(past, before, bank, stage.scale, stage.utilities)
-        return self._stage(past, bank, stage.spread, stage.scale, utilities)
 
     def _widened(
         self, stage: Stage, past: History, turn: int, wide: int
