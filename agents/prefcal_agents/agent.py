@@ -265,7 +265,7 @@ def _frozen(value: Any) -> Any:
     return tuple(_frozen(v) for v in value) if isinstance(value, list) else value
 
 
-# --- What every agent shares: the record, and what is asked after it.
+# --- What is asked after a record.
 
 Pair = tuple[int, int]
 """Two known samples to compare: the later one, which is the challenger, and the earlier one."""
