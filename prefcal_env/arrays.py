@@ -8,8 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .errors import PlantError, PrefcalError, SettingsError
-
-# --- Check the numbers and arrays that settings hold: one message for each mistake.
+from .knobs import is_number
 
 
 def is_integer(value: object, low: float = -np.inf) -> bool:
@@ -32,8 +31,7 @@ def number(
     error: type[PrefcalError] = SettingsError,
 ) -> None:
     """Raise `error` unless `value` is finite and not below `low` (above it if strict)."""
-    numeric = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
-    if not numeric or not isfinite(value) or (value <= low if strict else value < low):
+    if not is_number(value) or not isfinite(value) or (value <= low if strict else value < low):
         relation = "above" if strict else "not below"
         raise error(f"{name} must be finite and {relation} {low:g}, got {value!r}")
 
@@ -133,9 +131,8 @@ def plant_vector(value: Any, n: int, what: str, *, finite: bool = True) -> Float
 
 def number_in(value: Any, limits: tuple[float, float], what: str) -> float:
     """Return `value` as a float. Raises SettingsError if it is no number or outside `limits`."""
-    numeric = isinstance(value, (int, float, np.integer, np.floating))
     low, high = limits
-    if not numeric or isinstance(value, bool) or not low <= value <= high:
+    if not is_number(value) or not low <= value <= high:
         raise SettingsError(f"{what} must be a number in [{low}, {high}], got {value!r}")
     return float(value)
 

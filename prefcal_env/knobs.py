@@ -10,8 +10,6 @@ from jaxtyping import Bool, Float
 
 from .errors import KnobError
 
-# --- A θ as a key of dictionaries.
-
 
 def theta_key(theta: Float[np.ndarray, " n"] | Sequence[float]) -> bytes:
     """Return the same bytes for equal θ, physical, shape (n,), whatever the sign of a zero."""
@@ -94,7 +92,8 @@ class Knob:
             return value
         if self.scale == "log10" and not self.integer:
             count = floor(log(value / self.low) / log1p(step) + 0.5)
-            near = float(f"{self.low * (1 + step) ** count:.{_digits(step)}g}")
+            digits = max(2, 2 - floor(log10(step)))  # those that separate neighbors, plus two
+            near = float(f"{self.low * (1 + step) ** count:.{digits}g}")
         else:
             near = float(f"{floor(value / step + 0.5) * step:.{_DIGITS}g}")
         near = min(max(near, self.low), self.high)
@@ -268,11 +267,6 @@ def _step_problem(knob: Knob, step: Any) -> str:
     if knob.integer and (step < 1 or step != round(step)):
         return f"an integer knob needs an integer step, {got}"
     return ""
-
-
-def _digits(step: float) -> int:
-    """Return how many significant digits separate neighbors on a log10 scale, plus two."""
-    return max(2, 2 - floor(log10(step)))
 
 
 # --- Known constraints on θ: rule out experiments that are known not to work.
@@ -529,8 +523,7 @@ class KnobSpace:
         for knob, zi in zip(self.knobs, z, strict=True):
             if not 0.0 <= zi <= 1.0:
                 raise KnobError(f"z of knob {knob.name!r} must be in [0, 1], got {zi}")
-        parts = zip(self.knobs, z, self.within, strict=True)
-        return np.array([knob.exact(knob.decode(zi), part) for knob, zi, part in parts])
+        return self._decoded(z[None])[0]
 
     def encode(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Map a physical θ, shape (n,), to the unit cube.
@@ -730,11 +723,7 @@ class KnobSpace:
 def _parts(
     knobs: Sequence[Knob], within: Mapping[str, tuple[float, float]]
 ) -> tuple[tuple[float, float], ...]:
-    """Return the searched physical range of each knob, in order; by default its whole range.
-
-    Raises:
-        KnobError: If `within` names an unknown knob or a range outside the knob's range.
-    """
+    """Return the searched physical range of each knob, in order; by default its whole range."""
     unknown = sorted(set(within) - {knob.name for knob in knobs})
     if unknown:
         raise KnobError(f"within must name existing knobs, got {unknown}")
@@ -780,7 +769,7 @@ def respaced(old: KnobSpace, new: KnobSpace, added: Mapping[str, float] | None =
         KnobError: If a knob is missing, has another scale, unit or kind, or its value in the
             experiments so far is not known.
     """
-    added = {} if added is None else dict(added)
+    added = dict(added or {})
     before = {knob.name: knob for knob in old}
     missing = sorted(set(before) - set(new.names))
     if missing:

@@ -11,8 +11,6 @@ import numpy as np
 
 from .errors import PrefcalError
 
-# --- Conversion between typed objects and plain data as in JSON, by msgspec.
-
 T = TypeVar("T")
 
 UNREADABLE = (msgspec.MsgspecError, ValueError, OverflowError, RecursionError)

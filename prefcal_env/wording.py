@@ -11,8 +11,6 @@ from pathlib import Path
 
 from .errors import PrefcalError, ScenarioError
 
-# --- Phrase messages for people: the name that was probably meant, its unit, and how many more there are.
-
 _ALIKE = 0.6  # difflib's own threshold: "Ts" finds "T_s", "nowhere" finds nothing
 
 

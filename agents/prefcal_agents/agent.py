@@ -99,8 +99,6 @@ def start_points(space: KnobSpace, start: Start | None, n_max: int) -> Points:
     return tuple(points.values())
 
 
-# --- What stays the same during a study.
-
 SettingsT = TypeVar("SettingsT")
 
 
@@ -267,7 +265,7 @@ def _frozen(value: Any) -> Any:
     return tuple(_frozen(v) for v in value) if isinstance(value, list) else value
 
 
-# --- What every agent shares: the record, and what is asked after it.
+# --- What is asked after a record.
 
 Pair = tuple[int, int]
 """Two known samples to compare: the later one, which is the challenger, and the earlier one."""
@@ -430,7 +428,10 @@ class Strategy:
             return history, [Query(new, old, further=True), *turn.queries]
         most = self._most(history)
         if history.answered >= most:
-            raise ProtocolError(f"there is no open query: {self._over(history)}")
+            why = f"all {most} experiments are answered"
+            if most < self.setup.n_max:
+                why = f"every one of the {most} θ of the space has been tried"
+            raise ProtocolError(f"there is no open query: {why}")
         for _ in range(len(history.samples), min(history.answered + n, most)):
             history = history.with_another(self._next(history))
         return history, list((turn if history is turn.history else self._turn(history)).queries)
@@ -443,12 +444,6 @@ class Strategy:
         # θ that ran count even if they are no longer searched.
         most += sum(not self.space.searches(np.array(s.theta)) for s in history.samples)
         return int(min(asked_for, most))
-
-    def _over(self, history: History) -> str:
-        most = self._most(history)
-        if most < self.setup.n_max:
-            return f"every one of the {most} θ of the space has been tried"
-        return f"all {most} experiments are answered"
 
     @property
     def space(self) -> KnobSpace:

@@ -18,8 +18,6 @@ from .screening.bank import Simulating
 from .search import Tried, latin_hypercube, new_minimum, random_points
 from .surrogate import RADIAL_FUNCTIONS, squared_distances
 
-# --- Interpolate known values by radial basis functions, with leave-one-out errors.
-
 POSITIVE_DEFINITE = ("gaussian", "inverse_quadratic")
 """Radial functions with a positive definite matrix over all pairs of samples."""
 
@@ -190,9 +188,6 @@ class ValueAcquisition:
         return value, np.asarray(2 * (slope - self.alpha * of_s - self.delta * of_z))
 
 
-# --- GLIS: optimization of a known score, with radial basis functions and IDW exploration.
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GLISSettings(Settings):
     """Configure how GLIS chooses the next experiment.
@@ -290,9 +285,6 @@ class GLIS(Agent):
         return self._interpolant(self.history)[0](2 * z - 1)
 
 
-# --- Provide screening without learning: show the simulated θ in the order of their mean rank.
-
-
 @final
 class EqualWeights(Simulating):
     """Simulate a Latin hypercube and show the best of it, all KPIs counting the same.
@@ -307,9 +299,8 @@ class EqualWeights(Simulating):
     @property
     def bank(self) -> Bank:
         """Return the simulated θ; it simulates them if needed."""
-        simulations = self.simulations
-        design = latin_hypercube(self.space, self.n_simulated, self.setup.seed)
-        z, thetas = self.space.proposals(design)
+        simulations = self.simulations  # there may be none
+        z, thetas = self.space.proposals(latin_hypercube(self.space, self.n_simulated, self.setup.seed))
         return Bank.of(z, thetas, columns_of(simulations(thetas)))
 
     def propose(self, history: History) -> Float[np.ndarray, " n"]:
@@ -335,9 +326,6 @@ def _ranks(values: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
     return np.asarray((np.cumsum(counts) - (counts - 1) / 2)[places])
 
 
-# --- Provide an agent that spreads all experiments as one Latin hypercube and learns nothing.
-
-
 @final
 class LatinHypercube(Agent):
     """Spread all `n_max` samples as one Latin hypercube, drawn from `seed` alone.
@@ -351,9 +339,6 @@ class LatinHypercube(Agent):
         """Return the next point of the design."""
         design = latin_hypercube(self.space, self._most(history), self.setup.seed)
         return np.asarray(design[history.answered])
-
-
-# --- Provide random search: a baseline agent that learns nothing.
 
 
 @final
@@ -370,8 +355,6 @@ class RandomSearch(Agent):
         rng = np.random.default_rng([self.setup.seed, history.answered])
         return Tried(self.space, history).fresh(self.space.scaled(rng.random((1, len(self.space))))[0], rng)
 
-
-# --- Provide a local search: a baseline agent that steps away from the best θ and models nothing.
 
 _FIRST, _WIDEST = 0.2, 0.5
 """Standard deviation of a step at the start, and the largest one, in the unit cube."""

@@ -12,8 +12,6 @@ from prefcal_env.preferences.history import History
 from .lessons import Preferences, filled_kpis, normalized
 from .surrogate import Constraints, Learning, fit
 
-# --- The KPIs of all samples, each from 0 for the best to 1 for the worst.
-
 CEILING = 2.0  # see `normalized`: an interrupted run must not flatten the other differences
 
 
@@ -68,8 +66,6 @@ def _shares(values: Float[np.ndarray, " K"]) -> tuple[Float[np.ndarray, " K"], t
     worst = best + (value - best) / share if share > 0 else float(values[finite].max())
     return shares, (best, worst)
 
-
-# --- Learn the score behind a person's answers as a weighted sum of KPIs.
 
 _SOFT = Learning(sigma=1.0, lam=0.1)
 """Soft margins, since some answers contradict any sum of KPIs: a slack costs ten margins."""

@@ -11,8 +11,6 @@ from jaxtyping import Bool, Float, Int
 from prefcal_env.preferences.answer import Answer, Mark, Outcome
 from prefcal_env.preferences.history import Comparison, History
 
-# --- Extract training data from a history: preferences, scores, KPIs and marks, as arrays.
-
 _GOOD = (Mark.CHALLENGER_GOOD_ENOUGH, Mark.INCUMBENT_GOOD_ENOUGH)
 
 
@@ -99,11 +97,8 @@ def cube_of(history: History) -> Float[np.ndarray, "N n"]:
 
 def scores_of(history: History) -> tuple[Int[np.ndarray, " K"], Float[np.ndarray, " K"]]:
     """Return the indices of the samples with a score, and the scores, both of shape (K,)."""
-    known = [(c.challenger, c.value) for c in history.comparisons if c.value is not None]
-    return (
-        np.array([index for index, _ in known], dtype=np.int64),
-        np.array([value for _, value in known], dtype=float),
-    )
+    scores = {c.challenger: c.value for c in history.comparisons if c.value is not None}
+    return np.array([*scores], dtype=np.int64), np.array([*scores.values()], dtype=float)
 
 
 def kpis_of(history: History) -> tuple[Mapping[str, float], ...]:
@@ -111,15 +106,11 @@ def kpis_of(history: History) -> tuple[Mapping[str, float], ...]:
 
     KPIs that came with a retracted answer count too, since the experiment is still valid.
     """
-    given = [
-        (index, outcome)
-        for c in history.comparisons
-        for index, outcome in zip((c.challenger, c.incumbent), c.answer.outcomes or (), strict=False)
-        if index is not None and outcome is not None
-    ]
     known: dict[int, Mapping[str, float]] = {}
-    for (index, _), kpis in zip(given, [dict(outcome) for _, outcome in given], strict=True):
-        known[index] = known.get(index) or kpis
+    for c in history.comparisons:
+        for index, outcome in zip((c.challenger, c.incumbent), c.answer.outcomes or (), strict=False):
+            if index is not None and outcome is not None:
+                known[index] = known.get(index) or dict(outcome)
     return tuple(known.get(index, {}) for index in range(history.answered))
 
 

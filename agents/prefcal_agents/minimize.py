@@ -15,6 +15,7 @@ from prefcal_env.arrays import integer
 from prefcal_env.errors import SettingsError, SimulationError
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.preferences.answer import Agent, Answer, Executor, Preference, ask_and_tell
+from prefcal_env.wording import labeled
 
 from .agent import Start
 from .people import Bank
@@ -155,7 +156,8 @@ def minimize_by_preference(
     answers = tuple(step.answer for step in steps if step.answer is not None)
     bank = getattr(study, "bank", None)
     simulated = bank if isinstance(bank, Bank) else None
-    return Minimum(np.array(study.best), np.array(samples), answers, simulated, _titles(space))
+    knobs = tuple(labeled(knob.name, "" if knob.unit == "-" else knob.unit) for knob in space)
+    return Minimum(np.array(study.best), np.array(samples), answers, simulated, knobs)
 
 
 def _check_at_once(at_once: int, executor: Executor | None, *, runs: bool, simulates: bool) -> None:
@@ -163,11 +165,6 @@ def _check_at_once(at_once: int, executor: Executor | None, *, runs: bool, simul
         raise SettingsError("nothing runs at once without run, the function of an experiment")
     if simulates and at_once != 1:
         raise SettingsError(f"with simulate or twin, at_once must be 1, got {at_once!r}")
-
-
-def _titles(space: KnobSpace) -> tuple[str, ...]:
-    """Return the names of the knobs with their units."""
-    return tuple(f"{k.name} [{k.unit}]" if k.unit not in ("", "-") else k.name for k in space)
 
 
 def _maker(agent: AgentFactory | None, *, simulates: bool) -> AgentFactory:
@@ -187,9 +184,6 @@ def _answer(prefer: Prefer, told: Agent | None, new: Any, old: Any) -> Answer | 
     """Ask `prefer`, and check what it tells `told`, an agent with a twin, of the plant.
 
     It gets copies of θ, since it may write into them.
-
-    Raises:
-        SimulationError: If what was measured has no KPI of what is simulated.
     """
     if old is None:
         return None

@@ -15,8 +15,6 @@ from prefcal_env.preferences.history import History
 from .lessons import Preferences, kpis_of
 from .surrogate import matern, predicted, squares
 
-# --- θ whose KPIs are known: simulated ones that Screening chooses from, or experiments.
-
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Bank:
@@ -695,14 +693,10 @@ class _Fit(NamedTuple):
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Belief:
-    """A Gaussian process for what is added to the twin, or for all of a KPI.
+    """A Gaussian process for what is added to the twin, if it is trusted, or for all of a KPI.
 
-    Args:
-        twin: Whether the twin is trusted.
-        rows: Rows of the points with values, shape (r,).
-        inner: Covariance K of the values, over the variance of the process, shape (r, r).
-        outer: That of all points with them, shape (m, r).
-        features: Random cosines, whose normal combinations are draws of the process, shape (m, f).
+    `rows` are the points with values, `inner` is their covariance over the variance of the process,
+    `outer` that of all points with them. Normal combinations of `features` are draws of the process.
     """
 
     twin: bool

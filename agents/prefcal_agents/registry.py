@@ -57,12 +57,12 @@ AGENTS = (
     AgentRow("GLISp", "glisp.agent", "glisp"),
     AgentRow("GLISp.paper", "glisp.agent", "glisp-paper", "the algorithm as published"),
     AgentRow(
-        "GLIS", "baselines.glis", "glis", "learns from the scenario's score, needs no answers", by_value=True
+        "GLIS", "baselines", "glis", "learns from the scenario's score, needs no answers", by_value=True
     ),
-    AgentRow("EqualWeights", "baselines.equal_weights", learns=False, simulates=True),
-    AgentRow("StepSearch", "baselines.step_search"),
-    AgentRow("LatinHypercube", "baselines.latin_hypercube", "lhs", learns=False),
-    AgentRow("RandomSearch", "baselines.random_search", "random", learns=False),
+    AgentRow("EqualWeights", "baselines", learns=False, simulates=True),
+    AgentRow("StepSearch", "baselines"),
+    AgentRow("LatinHypercube", "baselines", "lhs", learns=False),
+    AgentRow("RandomSearch", "baselines", "random", learns=False),
 )
 """All agents of this package, in the order of tables and help."""
 

@@ -73,7 +73,7 @@ class Pool:
         Raises:
             KeyError: If a sample is not in the bank.
         """
-        utilities = _joined([_within(scale, draws) for _, draws in given])
+        utilities = _joined([limited(scale, draws) for _, draws in given])
         shown = np.array([bank.find(sample.theta) for sample in given[-1][0].samples], dtype=np.int64)
         levels = utilities.levels(scale(bank, shown.tolist()))
         costs = utilities.costs(logs[shown])
@@ -108,7 +108,7 @@ class Pool:
         return self.utilities.take(np.searchsorted(shares, places))
 
 
-def _within(scale: Scale, utilities: Utilities) -> Utilities:
+def limited(scale: Scale, utilities: Utilities) -> Utilities:
     """Return draws by the limits of a scale, whose good values may be better than when drawn."""
     limits = np.where(np.isfinite(utilities.limits), scale.limits, np.inf)
     return replace(utilities, limits=limits)

@@ -18,8 +18,6 @@ from prefcal_env.preferences.history import History
 from .lessons import MOST, Marks, cube_of
 from .surrogate import RADIAL_FUNCTIONS, PreferenceGP, Surrogate, squared_distances
 
-# --- Count the different θ of a space.
-
 _COUNTED = 100_000  # spaces with at most this many θ are checked against the constraints
 _MANY = 10**6  # a knob with more values counts as having no step
 
@@ -36,9 +34,8 @@ def capacity(space: KnobSpace) -> float:
     total = prod(counts)
     if not space.constraints or total > _COUNTED:
         return float(total)
-    every = np.meshgrid(
-        *(knob.choices(*part) for knob, part in zip(space, space.within, strict=True)), indexing="ij"
-    )
+    values = [knob.choices(*part) for knob, part in zip(space, space.within, strict=True)]
+    every = np.meshgrid(*values, indexing="ij")
     allowed = np.count_nonzero(space.allows(np.stack(every, axis=-1).reshape(-1, len(space))))
     if not allowed:
         names = [constraint.name for constraint in space.constraints]
@@ -225,8 +222,6 @@ def _moved_inside(points: Float[np.ndarray, "N n"], space: KnobSpace, seed: int)
 # sample as one of its starts. Of the points it found, it returns the one with the lowest objective whose
 # θ is new.
 
-Corners = tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]
-
 _SCALES = (1e-4, 0.3)  # smallest and largest step around the incumbent, in units of the cube
 _APART = 0.1  # minimum distance between two starts of a descent, in the cube
 _DRAWS = 200  # random points to check before an integer space is searched completely
@@ -259,7 +254,7 @@ class Domain:
     fixed: Bool[np.ndarray, " n"]
     snap: Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, "m n"]] = field(repr=False)
     start: Float[np.ndarray, " n"]
-    corners: Corners
+    corners: tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]
 
     @classmethod
     def of(cls, space: KnobSpace, history: History) -> "Domain":

@@ -14,8 +14,6 @@ from .agent import Agent, AgentState
 from .registry import CLASSES, restore
 from .screening.bank import Simulate
 
-# --- Start a study from the best θ of an earlier one, by another person or on a similar plant.
-
 
 @dataclass(frozen=True, slots=True)
 class Earlier:

@@ -20,8 +20,6 @@ from prefcal_env.knobs import KnobSpace, is_number, theta_key
 from prefcal_env.plain import from_plain, to_plain
 from prefcal_env.workers import ATTEMPTS
 
-# --- Outcome of an experiment as an agent sees it: KPIs without trajectories.
-
 _NUMBERS: Mapping[Any, float] = {"inf": np.inf, "-inf": -np.inf}
 
 
@@ -135,8 +133,6 @@ class Reading:
 # Source: the preference function is eq. pref_fun, its vector of answers eq. pref-vector.
 
 ExperimentT = TypeVar("ExperimentT", contravariant=True)
-
-
 Outcomes = tuple[Mapping[str, Any] | None, Mapping[str, Any] | None]
 """KPIs of the challenger and of the incumbent: names and numbers.
 
@@ -518,14 +514,12 @@ def completed(
     if found:
         marks, automatic = (*answer.marks, *found), (*answer.automatic, *found)
         answer = replace(answer, marks=marks, automatic=automatic)
-    good = {
-        Mark.CHALLENGER_UNSAFE: Mark.CHALLENGER_GOOD_ENOUGH,
-        Mark.INCUMBENT_UNSAFE: Mark.INCUMBENT_GOOD_ENOUGH,
-    }
-    contradicted = {good[mark] for mark in answer.marks if mark in good}
-    if contradicted & set(answer.marks):
-        kept = tuple(mark for mark in answer.marks if mark not in contradicted)
-        answer = replace(answer, marks=kept)
+    for unsafe, good in (
+        (Mark.CHALLENGER_UNSAFE, Mark.CHALLENGER_GOOD_ENOUGH),
+        (Mark.INCUMBENT_UNSAFE, Mark.INCUMBENT_GOOD_ENOUGH),
+    ):
+        if {unsafe, good} <= {*answer.marks}:
+            answer = replace(answer, marks=tuple(mark for mark in answer.marks if mark is not good))
     if outcomes is not None and answer.outcomes is None:
         answer = replace(answer, outcomes=outcomes)
     return answer
@@ -541,7 +535,6 @@ def _facts(challenger: Experiment, incumbent: Experiment | None) -> Iterator[Mar
         yield Mark.CHALLENGER_CUT_SHORT
 
 
-Run = Callable[[Float[np.ndarray, " n"]], Experiment]
 A = TypeVar("A")
 
 
@@ -619,7 +612,7 @@ def ask_and_tell(
 
 def calibrate(
     agent: Agent,
-    run: Run,
+    run: Callable[[Theta], Experiment],
     calibrator: Calibrator[Experiment],
     outcome: Callable[[Experiment], Mapping[str, float]] | None = None,
 ) -> Iterator[Comparison]:

@@ -13,8 +13,6 @@ from prefcal_env.knobs import KnobSpace, carried
 
 from .answer import Answer, Mark, Outcome, Preference
 
-# --- Determine the best experiment from the whole record of answers.
-
 
 @dataclass(frozen=True, slots=True)
 class Verdict:

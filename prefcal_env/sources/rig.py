@@ -178,10 +178,6 @@ class Rig(Source):
         Separators are commas, semicolons, tabs, bars or spaces; without commas, numbers may have a
         decimal comma. Lines that begin with # and unknown columns are ignored. Time stamps count
         from the earliest one.
-
-        Raises:
-            RecordError: If the record is not valid; the message lists all problems, with line
-                numbers as shown by an editor.
         """
         if isinstance(source, str):
             if not source.strip():
@@ -325,19 +321,18 @@ def _computed(kpis: Callable[[Experiment], Mapping[str, float]], made: Experimen
 def _refuse(problems: list[str]) -> None:
     if not problems:
         return
-    listed = problems[:_MOST_LISTED]
-    if len(problems) > _MOST_LISTED:
-        listed.append(f"and {len(problems) - _MOST_LISTED} more")
-    raise RecordError("; ".join(listed))
+    more = [f"and {len(problems) - _MOST_LISTED} more"] if len(problems) > _MOST_LISTED else []
+    raise RecordError("; ".join([*problems[:_MOST_LISTED], *more]))
 
 
 class _RigRun(Run):
     """A run that a person does; its experiment is read from the record that they supply."""
 
+    waits = True
+
     def __init__(self, rig: Rig, theta: Float[np.ndarray, " n"]) -> None:
         self._rig, self._theta = rig, theta
         self._given: Given | None = None
-        self.waits = True
 
     def advance(self) -> Experiment | None:
         if self._given is None:

@@ -18,8 +18,6 @@ from prefcal_env.experiments.kpis import formula_of
 from prefcal_env.experiments.panels import MEAN, check_channels, check_name, combined, named
 from prefcal_env.knobs import Knob, KnobSpace
 
-# --- A run is one experiment under way: what it asks of a person, and how far it is.
-
 
 class Stage(Enum):
     """What a run on a plant is doing."""
@@ -171,15 +169,11 @@ class Whole(Run):
         return self._run()
 
 
-# --- Whatever turns θ into an experiment, behind the same calls.
-
 Asks = Literal["", "record", "confirm"]
 """What a run asks of a person: nothing, the record of a run that they did, or a confirmation."""
 KPIsOf = Callable[[Channels | None], KPIs]
 """Function of channels, None if they are not known yet, that returns a function of experiments: all
 KPIs of one that has its own."""
-
-
 _ONLY_A_PERSON: Mapping[Asks, str] = {
     "record": "this plant is a rig that only a person can run: calibrate it with the calibrator human",
     "confirm": "this is a live plant, where a person confirms each run: calibrate it with the "
@@ -387,9 +381,6 @@ def formula_problems(kpis: Iterable[Any], channels: Channels, signals: Collectio
                 yield f"formula of KPI {kpi.name!r}: {error}"
 
 
-# --- A function of θ as a source.
-
-
 class Function(Source):
     """A function of θ, or a callable object, which may declare what a `Source` does.
 
@@ -432,9 +423,6 @@ def function_of(run: Any) -> Any:
     if isinstance(run, Function):
         return run.function
     return None if isinstance(run, Source) else run
-
-
-# --- Let one θ perform several maneuvers.
 
 
 class Maneuvers(Source):

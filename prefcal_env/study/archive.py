@@ -182,9 +182,6 @@ def _cell(value: Any) -> Any:
     return "" if value is None else value
 
 
-# --- Find damage in a study file.
-
-
 def verify(path: Path | str) -> tuple[str, ...]:
     """Return descriptions of all damage in the study file at `path`; empty if there is none.
 
@@ -313,13 +310,11 @@ def _rows(text: str) -> list[tuple[Recorded, bytes | None]]:
         events = msgspec.json.decode(text, type=_Export).events
     except UNREADABLE as error:
         raise StudyError(f"this is not an exported study: {error}") from error
-    return [_row(number, event) for number, event in enumerate(events, start=1)]
-
-
-def _row(number: int, row: _Row) -> tuple[Recorded, bytes | None]:
-    """Return event `number` of an export and its packed experiment."""
-    if row.seq != number:
-        raise StudyError(f"event {number} of the export has the number {row.seq}")
-    # Decompress and compress again, to make sure that only an experiment is stored.
-    packed = None if row.payload is None else pack(unpack(row.payload))
-    return Recorded(number, row.at, row.event), packed
+    found: list[tuple[Recorded, bytes | None]] = []
+    for number, row in enumerate(events, start=1):
+        if row.seq != number:
+            raise StudyError(f"event {number} of the export has the number {row.seq}")
+        # Decompress and compress again, to make sure that only an experiment is stored.
+        packed = None if row.payload is None else pack(unpack(row.payload))
+        found.append((Recorded(number, row.at, row.event), packed))
+    return found

@@ -214,15 +214,15 @@ def told(path: Path | str, doing: str, consequence: str = "", *, what: str = "th
     """
     try:
         yield
-    except sqlite3.Error as error:
-        code = getattr(error, "sqlite_errorcode", 0)
-        why = _WORDS.get(code) or _WORDS.get(code & 0xFF) or str(error)
-        raise StudyError(_sentence(f"{what} {path}", doing, why, consequence)) from error
-    except UnicodeDecodeError as error:  # a text that SQLite returns from a damaged page
-        raise StudyError(_sentence(f"{what} {path}", doing, _DAMAGED, consequence)) from error
-    except OSError as error:
-        why = error.strerror or str(error)
-        raise StudyError(_sentence(f"{what} {path}", doing, why, consequence)) from error
+    except (sqlite3.Error, UnicodeDecodeError, OSError) as error:
+        why = _DAMAGED  # a text that SQLite returns from a damaged page cannot be decoded
+        if isinstance(error, sqlite3.Error):
+            code = getattr(error, "sqlite_errorcode", 0)
+            why = _WORDS.get(code) or _WORDS.get(code & 0xFF) or str(error)
+        elif isinstance(error, OSError):
+            why = error.strerror or str(error)
+        more = f". {consequence}" if consequence else ""
+        raise StudyError(f"cannot {doing} {what} {path}: {why}{more}") from error
 
 
 def open_elsewhere(path: Path | str) -> StudyError:
@@ -231,10 +231,6 @@ def open_elsewhere(path: Path | str) -> StudyError:
         f"the study {path} is open in another process: close it there first (another window, "
         "command or notebook)"
     )
-
-
-def _sentence(what: str, doing: str, why: str, consequence: str) -> str:
-    return f"cannot {doing} {what}: {why}" + (f". {consequence}" if consequence else "")
 
 
 _LONGEST = 480
@@ -538,8 +534,6 @@ Clock = Callable[[], str]
 _OVERWRITTEN = (sqlite3.SQLITE_ERROR, sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
 """What SQLite says of a file that something else was written to, with or without its tables."""
 _UNTOUCHED = "It is damaged: nothing was changed; use an earlier copy or an export"
-
-
 _UNBEGUN = State(MappingProxyType({}), "", 0)
 """State before the first event."""
 
@@ -669,8 +663,7 @@ class StudyFile:
 
     def events(self) -> Iterator[Recorded]:
         """Yield all events in order, without payloads."""
-        for recorded, _ in self._recorded():
-            yield recorded
+        return (recorded for recorded, _ in self._recorded())
 
     def experiment(self, seq: int) -> Experiment:
         """Return the experiment of event `seq`. Raises StudyError if it has none."""
@@ -747,8 +740,9 @@ class StudyFile:
             for r, _ in rows:
                 states.append(step(states[-1], r.seq, r.at, r.event))
             try:
-                with told(self.path, "write to", "Nothing was recorded"):
-                    self._write(rows)
+                with told(self.path, "write to", "Nothing was recorded"), self._holding():
+                    self._check_file()
+                    self._record(rows)
             finally:
                 if self._last >= first:  # recorded, also if Ctrl-C came right after that
                     for (r, _), state in zip(rows, states[1:], strict=True):
@@ -756,13 +750,6 @@ class StudyFile:
                     if self._place is not None:
                         self._content = self._connection.serialize()
         return tuple(r.seq for r, _ in rows)
-
-    def _write(self, rows: Rows) -> None:
-        try:
-            self._check_file()
-            self._record(rows)
-        finally:
-            self._hold()
 
     def _record(self, rows: Rows) -> None:
         before = self._last, self._checksum
@@ -809,21 +796,14 @@ class StudyFile:
         If it was moved, removed, replaced or overwritten, a copy is saved elsewhere.
         """
         try:
-            with self._lock, told(self.path, "read"):
-                try:
-                    self._check_file()
-                finally:
-                    self._hold()
+            with self._lock, told(self.path, "read"), self._holding():
+                self._check_file()
         except StudyError as error:
             return str(error)
         return None
 
     def _check_file(self) -> None:
-        """Lock the file anew, and check that it is the one that was opened and ends as it should.
-
-        Raises:
-            StudyError: If it is not, or was opened for reading.
-        """
+        """Lock the file anew, and check that it is the one that was opened and ends as it should."""
         if self.path != ":memory:":
             if self._place is None:
                 raise StudyError(f"the study {self.path} was opened for reading only")
@@ -854,11 +834,15 @@ class StudyFile:
         query = "SELECT seq, checksum FROM event ORDER BY seq DESC LIMIT 1"
         return self._connection.execute(query).fetchone()
 
-    def _hold(self) -> None:
-        """Lock the file until the next step, so that no other process can write to it."""
-        if self._place is not None and not self._connection.in_transaction:
-            with suppress(sqlite3.Error):  # the next step tries again, and tells what is wrong
-                self._connection.execute("BEGIN IMMEDIATE")
+    @contextmanager
+    def _holding(self) -> Iterator[None]:
+        """Lock the file after a step until the next one, so that no other process can write to it."""
+        try:
+            yield
+        finally:
+            if self._place is not None and not self._connection.in_transaction:
+                with suppress(sqlite3.Error):  # the next step tries again, and tells what is wrong
+                    self._connection.execute("BEGIN IMMEDIATE")
 
     def _lost(self, what: str, remedy: str) -> str:
         """Save a copy elsewhere; return what happened and what to do."""

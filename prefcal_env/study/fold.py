@@ -30,8 +30,6 @@ _FLOATS = ("theta", "t", "x", "u", "t_control", "u_control", "y_ref", "solve_tim
 _DTYPES = {**dict.fromkeys(_FLOATS, "<f8"), "iterations": "<i8", "solved": "|b1"}
 
 Size = Annotated[int, msgspec.Meta(ge=0, le=_MOST)]
-
-
 _Words = tuple[str, str, str]
 """Name, unit and symbol of a channel; its limits, target and band are in an array."""
 
@@ -39,19 +37,8 @@ _Words = tuple[str, str, str]
 class _Header(msgspec.Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=True):
     """Everything about an experiment except its arrays, which follow in the order of `layout`.
 
-    Args:
-        shapes: Shape of each array by name.
-        signals: Names of the signals, each as long as the time axis.
-        kpis: Names of the KPIs.
-        end: How the run ended.
-        time_unit: Unit of the time axis.
-        x: Channels of the states.
-        u: Channels of the inputs.
-        y: Channels of the outputs.
-        runs: Headers of the runs that the experiment consists of.
-        y_states: For outputs that are states: the number of each state.
-        y_shape: For other outputs: the shape of their array. Both are None without outputs.
-        maneuver: Name of the run among several maneuvers; "" if there is only one.
+    For outputs that are states, `y_states` has the number of each state; for others, `y_shape` is the
+    shape of their array. Both are None without outputs.
     """
 
     shapes: dict[str, tuple[Size, ...]]
@@ -228,7 +215,7 @@ def _channel(words: _Words, numbers: Sequence[float]) -> Channel:
 
 # --- Define the events of a study as frozen data, and convert them to and from JSON.
 #
-# A new event needs a class here and a rule in `fold.py`.
+# A new event needs a class here and a rule in `_RULES`.
 
 Int64 = Annotated[int, msgspec.Meta(ge=-(2**63), le=2**63 - 1)]
 """Whole number that a study file and SQLite can store."""
@@ -571,7 +558,10 @@ def step(state: State, seq: int, at: str, event: Event) -> State:
     rule = _RULES.get(type(event))
     if rule is None:
         raise StudyError(f"event {seq}: there is no rule for {type(event).__name__}")
-    return rule(state, seq, at, event)
+    try:
+        return rule(state, seq, at, event)
+    except ProtocolError as error:
+        raise StudyError(f"event {seq} is impossible: {error}") from error
 
 
 def _require(holds: bool, seq: int, otherwise: str) -> None:
@@ -584,20 +574,14 @@ def _sample(state: State, seq: int, index: int) -> None:
 
 
 def _suggested(state: State, seq: int, _at: str, event: Suggested) -> State:
-    history, is_due = state.history, event.index == len(state.history.samples)
-    _require(is_due, seq, f"sample {event.index} is not due")
+    _require(event.index == len(state.history.samples), seq, f"sample {event.index} is not due")
     _require(len(event.z) == len(event.theta) > 0, seq, "z and theta differ in length")
     # No question is open here, except one that changed settings have made obsolete.
-    history = history.with_another(Sample(event.z, event.theta))
-    return replace(state, history=history, open=None)
+    return replace(state, history=state.history.with_another(Sample(event.z, event.theta)), open=None)
 
 
-def _taken(state: State, seq: int, _at: str, event: Taken) -> State:
-    try:
-        order = state.history.taken(event.index)
-    except ProtocolError as error:
-        raise StudyError(f"event {seq} is impossible: {error}") from error
-    return replace(_arranged(state, order), open=None)
+def _taken(state: State, _seq: int, _at: str, event: Taken) -> State:
+    return replace(_arranged(state, state.history.taken(event.index)), open=None)
 
 
 def _led(state: State, seq: int, _at: str, event: Led) -> State:
@@ -673,8 +657,7 @@ def _replaced(state: State, seq: int, _at: str, event: Replaced) -> State:
 def _shown(state: State, seq: int, _at: str, event: Shown) -> State:
     for index in (event.challenger, event.incumbent):
         _require(index in state.finished, seq, f"there is no experiment of sample {index}")
-    apart = event.challenger != event.incumbent
-    _require(apart, seq, "an experiment is not compared with itself")
+    _require(event.challenger != event.incumbent, seq, "an experiment is not compared with itself")
     return replace(state, open=(seq, event))
 
 
@@ -688,18 +671,16 @@ def _marked(state: State, seq: int, _at: str, event: Marked) -> State:
 
 
 def _answered(state: State, seq: int, at: str, event: Answered) -> State:
-    scored = event.question is None and event.incumbent is not None
-    first = event.question is None and not scored
     shown = None if state.open is None or state.open[0] != event.question else state.open[1]
     pair = None if shown is None else (shown.challenger, shown.incumbent)
-    if first:
+    if event.question is None and event.incumbent is None:
         _require(
-            event.challenger == 0 == state.history.answered and event.incumbent is None,
+            event.challenger == 0 == state.history.answered,
             seq,
             "only the first experiment is compared with nothing",
         )
         _require(0 in state.finished, seq, "there is no experiment of sample 0")
-    elif scored:
+    elif event.question is None:
         for index in (event.challenger, event.incumbent):
             _require(index in state.finished, seq, f"there is no experiment of sample {index}")
     else:
@@ -723,16 +704,10 @@ def _answered(state: State, seq: int, at: str, event: Answered) -> State:
     return replace(state, history=state.history.recorded(answer), open=None)
 
 
-def _retracted(state: State, seq: int, _at: str, event: Retracted) -> State:
-    answer = event.answer
-    try:
-        if answer < 0:
-            history = state.history.retracted(-answer - 1, follow_up=True)
-        else:
-            history = state.history.retracted(answer)
-    except ProtocolError as error:
-        raise StudyError(f"event {seq} is impossible: {error}") from error
-    return replace(state, history=history)
+def _retracted(state: State, _seq: int, _at: str, event: Retracted) -> State:
+    follow_up = event.answer < 0
+    number = -event.answer - 1 if follow_up else event.answer
+    return replace(state, history=state.history.retracted(number, follow_up=follow_up))
 
 
 def _undone(state: State, seq: int, _at: str, _event: Undone) -> State:
@@ -746,8 +721,8 @@ def _noted(state: State, _seq: int, at: str, event: Noted) -> State:
 
 
 def _extended(state: State, seq: int, _at: str, event: Extended) -> State:
-    answered = state.history.answered
-    _require(event.n_max >= answered, seq, f"n_max {event.n_max} is below what is answered")
+    holds = event.n_max >= state.history.answered
+    _require(holds, seq, f"n_max {event.n_max} is below what is answered")
     return replace(state, n_max=event.n_max)
 
 
@@ -783,7 +758,6 @@ def _respaced(state: State, seq: int, _at: str, event: Respaced) -> State:
     configuration = {**state.configuration, **event.space, "agent": {**agent, **event.agent}, "respaced": seq}
     old, new = space_of(state.configuration), space_of(configuration)
     space_of({"knobs": event.space["scenario_knobs"]})
-
     try:
         history = kept.history.moved(old, new, event.added)
         proposed = {

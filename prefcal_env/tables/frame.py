@@ -18,8 +18,6 @@ from prefcal_env.wording import and_more
 from .recorded import Limits, bridged, recorded
 from .sheet import SECONDS, Sheet, Table, almost_a_number, parts_of, sheet_of
 
-# --- Find the time of a table, turn it into numbers, and find steps that lead back or skip rows.
-
 MAX_GAP = 10.0
 """Longest step of time that is no gap, in median steps."""
 _CLOCK = re.compile(r"^(\d+):([0-5]\d)(?::([0-5]\d(?:[.,]\d*)?))?$")
@@ -145,18 +143,15 @@ def _stamps(sheet: Sheet, column: int, values: Any, time_format: str | None) -> 
         other = wrong & ~np.asarray(text.str.match(_CLOCK), dtype=bool)
         wrong = other if other.any() else wrong  # the odd one among times of day
         row = int(np.argmax(wrong))
+        like = f"a time stamp like {time_format!r}"
+        if time_format is None:
+            like = "a number or a time stamp like 2026-11-23T09:30:00"
         raise RecordError(
-            f"{sheet.place(row)}, column {sheet.name(column)!r}: expected "
-            f"{_expected(time_format)}, got {str(values.iloc[row])[:40]!r}"
-            f"{and_more(int(wrong.sum()))}; give time_format='%d/%m/%Y %H:%M:%S' or the like"
+            f"{sheet.place(row)}, column {sheet.name(column)!r}: expected {like}, "
+            f"got {str(values.iloc[row])[:40]!r}{and_more(int(wrong.sum()))}; "
+            "give time_format='%d/%m/%Y %H:%M:%S' or the like"
         )
     return found
-
-
-def _expected(time_format: str | None) -> str:
-    if time_format is not None:
-        return f"a time stamp like {time_format!r}"
-    return "a number or a time stamp like 2026-11-23T09:30:00"
 
 
 def _seconds(unit: str) -> float:
@@ -342,17 +337,9 @@ class TableColumns:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Used:
-    """The columns of a sheet that are used, as numbers.
+    """The columns of a sheet that are used, as numbers, at times `t`; references are "NAME ref".
 
-    Args:
-        sheet: Table.
-        about: What its columns mean.
-        time_unit: Unit of `t`.
-        t: Time of each row, shape (K,).
-        rows: Row of the sheet of each row kept, shape (K,).
-        outputs: Names of the outputs.
-        places: Column of the sheet by name; references are called "NAME ref".
-        values: Values by name, each of shape (K,).
+    `rows` are those of the sheet that are kept, and `places` its columns.
     """
 
     sheet: Sheet

@@ -14,8 +14,6 @@ from prefcal_env.experiments.experiment import Channel, Channels, End, Experimen
 from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.wording import did_you_mean
 
-# --- Recorded curves with time bases of their own, checked and brought to common instants.
-
 _SAME_INSTANT = 1e-9
 """Share of the duration below which two instants count as one."""
 
@@ -193,9 +191,6 @@ def _curve_of(
 
     If `t` is None, every curve has its own times. Without `gaps`, it ends with its last finite
     value; `what` it is and the `unit` of time are for messages.
-
-    Raises:
-        ExperimentError: If shapes differ, or a value that is not finite lies between finite ones.
     """
     own = isinstance(given, tuple) and len(given) == 2 and np.ndim(given[0]) > 0
     if own:
@@ -270,9 +265,6 @@ def _common_instants(
 
     They are those of `t`, or the union of all instants if `t` is None, up to where the first
     curve stops.
-
-    Raises:
-        ExperimentError: If a curve begins or ends within `t`, or the curves do not overlap.
     """
     end = min((c.t[-1] for c in curves if c.stopped), default=np.inf)
     begin, union = -np.inf, t is None
@@ -415,7 +407,7 @@ def recorded(
     run = aligned(t, y, u, reference, signals, time_unit)
     theta = numbers("theta", np.atleast_1d(np.asarray(theta)))
     if end is None:
-        end = _end(run)
+        end = End.FAILED if not len(run.t) else End.UNSAFE if run.stopped else End.TIME_UP
     targets = [_target(r) for r in run.y_ref.T]
     steps, drawn = _steps(run), _drawn(y, targets, run)
     channels = _channels(u, y, targets, look, time_unit)
@@ -446,13 +438,6 @@ def _steps(run: Aligned) -> dict[str, Any]:
     }
 
 
-def _end(run: Aligned) -> End:
-    """Return why a run ended, as its curves tell."""
-    if not len(run.t):
-        return End.FAILED
-    return End.UNSAFE if run.stopped else End.TIME_UP
-
-
 def _drawn(
     names: Iterable[str], targets: Iterable[float | None], run: Aligned
 ) -> dict[str, Float[np.ndarray, " K"]]:
@@ -465,11 +450,7 @@ def _drawn(
 
 
 def _named(what: str, given: object) -> Mapping[str, Any]:
-    """Return a mapping of names to curves.
-
-    Raises:
-        ExperimentError: If it is something else.
-    """
+    """Return a mapping of names to curves. Raises ExperimentError if it is something else."""
     if not isinstance(given, Mapping):
         raise ExperimentError(
             f"{what}s must be a mapping from names to curves, such as {{'level': values}}, "

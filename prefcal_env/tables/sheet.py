@@ -16,8 +16,6 @@ from jaxtyping import Float, Int
 from prefcal_env.errors import MissingExtraError, RecordError
 from prefcal_env.wording import and_more, did_you_mean
 
-# --- Read the units of columns from their headings, and compare units.
-
 SECONDS = {
     **dict.fromkeys(("ns",), 1e-9),
     **dict.fromkeys(("us", "µs", "μs"), 1e-6),
@@ -225,9 +223,6 @@ def _split(lines: Sequence[str], separator: str) -> list[list[str]]:
     if len(found) != len(lines):
         raise RecordError("a quoted cell spans several lines: remove the line ends in it")
     return found
-
-
-# --- Load pyarrow, which reads and writes Parquet; nothing else of prefcal needs it.
 
 
 def pyarrow() -> ModuleType:
@@ -461,18 +456,14 @@ def sheet_of(table: Table, wanted: Collection[str] = (), text: Collection[str] =
 def _loaded(source: Table) -> Any:
     """Return the text or the DataFrame in a file, or in its content; others as they are."""
     if isinstance(source, Path):
-        source = _content(source)
+        try:
+            source = source.expanduser().read_bytes()
+        except (OSError, ValueError, RuntimeError) as error:  # no such file, NUL, no such user
+            why = getattr(error, "strerror", None) or error
+            raise RecordError(f"cannot read the table {str(source)[:200]!r}: {why}") from error
     if isinstance(source, bytes):
         return _parquet(source) if source[:4] == _PARQUET else decoded(source)
     return source
-
-
-def _content(path: Path) -> bytes:
-    try:
-        return path.expanduser().read_bytes()
-    except (OSError, ValueError, RuntimeError) as error:  # no such file, NUL, no such user
-        why = getattr(error, "strerror", None) or error
-        raise RecordError(f"cannot read the table {str(path)[:200]!r}: {why}") from error
 
 
 def _parquet(content: bytes) -> Any:

@@ -22,8 +22,6 @@ from prefcal_env.errors import RunError
 
 from .inside import Kind, Message, receive, send
 
-# --- Start, use and end one worker process, with everything that its code started.
-
 GRACE = 2.0
 """Seconds for the user's code to stop its plant (finally, with) before it is killed."""
 _LAST_WORDS = 0.2
@@ -137,11 +135,10 @@ class Process:
         It is the last line of the user's own code, "own.py:12: x = 1 / 0", or empty.
         """
         try:
-            if self._grace:
-                self._process.terminate()
-                self._process.wait(self._grace)
-        except subprocess.TimeoutExpired:
-            pass
+            with suppress(subprocess.TimeoutExpired):
+                if self._grace:
+                    self._process.terminate()
+                    self._process.wait(self._grace)
         finally:
             self.kill()
         self._thread.join(_LAST_WORDS)
@@ -160,10 +157,9 @@ class Process:
     def leave(self) -> None:
         """End the process while nothing runs; the user's code can clean up at exit."""
         try:
-            self.dismiss()
-            self._process.wait(GRACE)
-        except subprocess.TimeoutExpired:
-            pass
+            with suppress(subprocess.TimeoutExpired):
+                self.dismiss()
+                self._process.wait(GRACE)
         finally:
             self.kill()
 
@@ -476,26 +472,24 @@ class Worker:
 
     def _late(self, process: Process) -> list[Found]:
         """End a request that takes too long, or that was stopped."""
-        items, why, took = list(self._given), self._why, time.monotonic() - self._since
-        stopped = time.monotonic() >= self._due
+        items, took = list(self._given), time.monotonic() - self._since
+        why = self._why if time.monotonic() >= self._due else "late"
         line = self._end()
-        if not process.loaded and not stopped:
+        if not process.loaded and why == "late":
             raise RunError("loading takes too long", "late")
-        words = self._words(why, took) if stopped else self._too_long()
+        words = self._words(why, in_time(max(round(took), 1)))
         words = f"{words}. It was in {line}" if line else words
         self._again.extend(items[1:])
-        return [(items[0].number, RunError(words, why if stopped else "late"))]
+        return [(items[0].number, RunError(words, why))]
 
-    def _too_long(self) -> str:
+    def _words(self, why: str, after: str) -> str:
         what, allows = self._terms.what, self._terms.allows
-        hint = f" ({allows} allows more)" if allows else ""
-        return f"{what} took longer than {in_time(self.limit)} and was ended{hint}"
-
-    def _words(self, why: str, took: float) -> str:
-        after = in_time(max(round(took), 1))
+        if why == "late":
+            hint = f" ({allows} allows more)" if allows else ""
+            return f"{what} took longer than {in_time(self.limit)} and was ended{hint}"
         if why == "stopped":
-            return f"you stopped {self._terms.what} after {after}"
-        return f"{self._terms.what} was ended after {after}: its result was no longer needed"
+            return f"you stopped {what} after {after}"
+        return f"{what} was ended after {after}: its result was no longer needed"
 
     def _end(self) -> str:
         """End the process and what it runs; return the user's line it was in."""

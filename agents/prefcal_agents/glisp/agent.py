@@ -341,8 +341,6 @@ def lost_since(history: History) -> int:
     return won.index(True) if True in won else len(won)
 
 
-# --- GLISp: preference-based optimization with radial basis functions and IDW exploration.
-
 _STREAM = 4
 """Stream of random numbers."""
 

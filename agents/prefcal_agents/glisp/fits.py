@@ -119,7 +119,8 @@ class GLISpSettings(Settings):
 
     def __post_init__(self) -> None:
         for name in ("kpis", "rescale", "process"):
-            _flag(name, getattr(self, name))
+            if not isinstance(getattr(self, name), bool):
+                raise SettingsError(f"{name} must be True or False, got {getattr(self, name)!r}")
         for name in ("delta", "error_rate", "margin_power", "unsafe_weight"):
             number(name, getattr(self, name))
         for name in ("epsilon", "least_safe"):
@@ -129,8 +130,13 @@ class GLISpSettings(Settings):
                 raise SettingsError(f"{name} must be below {limit}, got {getattr(self, name)!r}")
         choice("rbf", self.rbf, RADIAL_FUNCTIONS)
         integer("questions_per_experiment", self.questions_per_experiment, low=1)
-        if self.validate_at != EVERY_STEP:
-            _counts("validate_at", self.validate_at)
+        counts: Any = self.validate_at
+        if counts != EVERY_STEP and not isinstance(counts, tuple):
+            raise SettingsError(
+                f"validate_at must be {EVERY_STEP!r} or a tuple of numbers of experiments, got {counts!r}"
+            )
+        for count in () if counts == EVERY_STEP else counts:
+            integer("each of validate_at", count, low=1)
 
     @classmethod
     def paper(cls) -> "GLISpSettings":
@@ -153,20 +159,6 @@ class GLISpSettings(Settings):
 
 GLISpSetup = Setup[GLISpSettings]
 """Everything that stays the same during a study of GLISp."""
-
-
-def _flag(name: str, value: Any) -> None:
-    if not isinstance(value, bool):
-        raise SettingsError(f"{name} must be True or False, got {value!r}")
-
-
-def _counts(name: str, values: Any) -> None:
-    if not isinstance(values, tuple):
-        raise SettingsError(
-            f"{name} must be {EVERY_STEP!r} or a tuple of numbers of experiments, got {values!r}"
-        )
-    for value in values:
-        integer(f"each of {name}", value, low=1)
 
 
 # --- What GLISp learns from KPIs and proposes by them: draws of what the person wants.
@@ -503,14 +495,10 @@ class Fit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Stage:
-    """What is chosen after a number of experiments.
+    """What is chosen after a number of experiments: φ by cross-validation, and for a fallible person.
 
-    Args:
-        shape: Shape of φ, by cross-validation.
-        suited: Shape of φ that suits a fallible person.
-        tested: `suited` at the latest noise test; None without one.
-        tests: Functions that return the evidence of the latest noise tests, the last one first. It
-            is computed once it is needed, since a study that is opened needs few of them.
+    `tested` is `suited` at the latest noise test. `tests` return the evidence of the latest ones, the
+    last one first, once it is needed, since a study that is opened needs few of them.
     """
 
     shape: Shape

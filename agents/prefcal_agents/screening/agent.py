@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.special import expit, logit, logsumexp
 
 from prefcal_agents.agent import Pair, Setup, one_thread
-from prefcal_agents.glisp.agent import propose
+from prefcal_agents.glisp.agent import lost_since, propose
 from prefcal_agents.glisp.fits import GLISpSettings, ModelSelection
 from prefcal_agents.lessons import Remembered
 from prefcal_agents.people import (
@@ -42,7 +42,7 @@ from prefcal_agents.result import (
 from prefcal_agents.search import Tried
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.preferences.answer import Preference
-from prefcal_env.preferences.history import Comparison, History
+from prefcal_env.preferences.history import History
 
 from .bank import ENOUGH, Growth, Simulating, Simulations, Stage
 
@@ -296,21 +296,16 @@ def _foretold(draws: Utilities, lessons: Lessons, history: History) -> tuple[flo
     distributions" (1992): draws given all answers tell one of them by the others, if each draw
     counts by the inverse of the probability that it gives to that answer.
     """
-    asked = history.lessons()
-    count = len(asked)  # those that marks make are no answers
+    count = len(history.lessons())  # those that marks make are no answers
     logs = lessons.log_probabilities(draws)[:, :count]
     shares = np.exp(-logs - logsumexp(-logs, axis=0))
     gain = draws.gains(draws.levels(lessons.logs), lessons.better, lessons.worse).sum(axis=0)
     of_challenger = np.where(lessons.tie, gain, -gain)[:, :count]  # where it did not win
     chance = np.sum(shares * noticed(of_challenger), axis=0)
-    won = [k for k, c in enumerate(asked) if c.answer.preference is Preference.CHALLENGER]
-    since = won[-1] + 1 if won else 0
-    held = -np.log1p(-np.minimum(chance[since:], _SURE)).sum()
+    held = -np.log1p(-np.minimum(chance[count - lost_since(history) :], _SURE)).sum()
     predicted = np.mean(np.log(len(logs)) - logsumexp(-logs, axis=0))
     return float(held), float(predicted)
 
-
-# --- The agent Screening: simulate many θ unseen, show those that the answers leave undecided.
 
 _OPEN = 4
 """Where the simulation is rough, every fourth θ is one that people with any wishes might prefer to
@@ -374,10 +369,10 @@ class Screening(Simulating):
         new, best = (_row(stage.bank, side.theta) for side in (query.challenger, query.incumbent))
         if new is None or best is None:
             return None
-        kept = None
-        if self.simulations.holds is not None:
-            kept = int(self.simulations.runs_kept(stage.bank.thetas[[new]])[0])
-        return replace(reason_for(stage, new, best, self.history), kept=kept)
+        found = reason_for(stage, new, best, self.history)
+        if self.simulations.holds is None:
+            return found
+        return replace(found, kept=int(self.simulations.runs_kept(stage.bank.thetas[[new]])[0]))
 
     @property
     def chance_of_better(self) -> float:
@@ -669,15 +664,9 @@ def without_kpis(history: History, stage: Stage) -> bool:
 def is_stalled(history: History) -> bool:
     """Return whether it is the turn of a proposal without KPIs, since those with them all lost."""
     lessons = history.lessons()
-    lost = not any(_won(c) for c in lessons[-_STALLED:])
+    lost = lost_since(history) >= _STALLED
     strict = any(c.answer.preference for c in lessons)
     return len(lessons) >= AFTER and len(lessons) % 2 == 1 and lost and strict
-
-
-def _won(comparison: Comparison) -> bool:
-    """Return whether the challenger won."""
-    verdict = comparison.verdict
-    return verdict is not None and verdict.winner == comparison.challenger
 
 
 class BeyondKPIs:

@@ -23,7 +23,7 @@ from prefcal_agents.people import (
     corrected,
     updated,
 )
-from prefcal_agents.result import Pool
+from prefcal_agents.result import Pool, limited
 from prefcal_agents.search import Region, latin_hypercube
 from prefcal_env.arrays import integer
 from prefcal_env.errors import PreferenceError, SettingsError, SimulationError
@@ -182,23 +182,14 @@ class Simulations:
         return found
 
     def _keep(self, new: Mapping[bytes, Theta], results: Sequence[Any]) -> None:
-        """Keep the KPIs that the first of `new` returned; none where a simulation failed."""
-        found = [{} if result is None else result for result in results]
-        try:
-            kpis = list(map(numbers, found))
-        except PreferenceError:
-            return self._keep_until_refused(new, found)
-        return self._known.update(zip(new, kpis, strict=False))
-
-    def _keep_until_refused(self, new: Mapping[bytes, Theta], found: Sequence[Any]) -> None:
-        """Keep the KPIs before the first of `found` that are none; raise SimulationError about it."""
-        for (key, theta), each in zip(new.items(), found, strict=False):
+        """Keep the KPIs that the first of `new` returned, up to what are none; {} where one failed."""
+        for (key, theta), result in zip(new.items(), results, strict=False):
             try:
-                self._known[key] = numbers(each)
+                self._known[key] = numbers({} if result is None else result)
             except PreferenceError as error:
                 raise SimulationError(
                     f"simulate must return a mapping from names of KPIs to numbers, or None if it failed, "
-                    f"got {each!r} at θ = {theta}"
+                    f"got {result!r} at θ = {theta}"
                 ) from error
 
     def _check_any(self) -> None:
@@ -433,21 +424,17 @@ class Growth:
             rng = self._rng(past, _CORRECT)
             logs = corrected(bank.z, logs, rows, scale(seen, rows.tolist()), len(some), rng)
             expected = np.median(logs, axis=0)
-        costs = some.costs(logs)
-        rough = len(rows) > 0
-        return Stage(seen, spread, scale, expected, utilities, costs, rough)
+        return Stage(seen, spread, scale, expected, utilities, some.costs(logs), rough=len(rows) > 0)
 
     def _drawn(self, scale: Scale) -> Utilities:
         return Utilities.drawn(scale, DRAWS, self._rng(History(), _LEARN))
 
     def _following(self, past: History, before: History, stage: Stage) -> Stage:
         """Return the stage after `past`, given the one after `before`, a step earlier."""
-        if past.answered == before.answered:
-            return self._followed(past, before, stage)
-        return self._grown(past, before, stage)
-
-    def _grown(self, past: History, before: History, stage: Stage) -> Stage:
-        """Return the stage after `past`, given the one after `before`, an answer earlier."""
+        if past.answered == before.answered:  # follow-ups teach, but bring no new θ
+            bank = self._simulated(stage.bank.z, stage.bank.thetas)
+            utilities = self._learned(past, before, bank, stage.scale, stage.utilities)
+            return self._stage(past, bank, stage.spread, stage.scale, utilities)
         turn = past.answered - 1  # the first one is compared with nothing
         wide, near = self._plan[turn] if 0 < turn < len(self._plan) else (0, 0)
         bank, spread = self._widened(stage, past, turn, wide)
@@ -455,18 +442,11 @@ class Growth:
         if scale.names != stage.scale.names:  # a KPI was always the same before: begin again
             before, utilities = History(), self._drawn(scale)
         elif not np.array_equal(scale.limits, stage.scale.limits):  # a KPI found a better value
-            limits = np.where(np.isfinite(utilities.limits), scale.limits, np.inf)
-            utilities = replace(utilities, limits=limits)
+            utilities = limited(scale, utilities)
         utilities = self._learned(past, before, bank, scale, utilities)
         judges = _GUIDES if near else _JUDGES
         stage = self._stage(past, bank, spread, scale, utilities, judges)
         return self._refined(past, stage, near)
-
-    def _followed(self, past: History, before: History, stage: Stage) -> Stage:
-        """Return the stage after the follow-ups of `past`, which teach, but bring no new θ."""
-        bank = self._simulated(stage.bank.z, stage.bank.thetas)
-        utilities = self._learned(past, before, bank, stage.scale, stage.utilities)
-        return self._stage(past, bank, stage.spread, stage.scale, utilities)
 
     def _widened(
         self, stage: Stage, past: History, turn: int, wide: int
