@@ -168,7 +168,7 @@ def system_of(system: Any) -> LinearSystem:
         return of_arrays([system.A, system.B, system.C, system.D], dt)
     den = getattr(system, "den", None)
     # Nothing of SciPy has several denominators.
-    lists = list | np.ndarray
+    lists = (list, np.ndarray)
     nested = isinstance(den, lists) and any(isinstance(each, lists) for each in den)
     if hasattr(system, "num") and hasattr(system, "den") and not nested:
         rows = np.atleast_2d(system.num)  # of scipy: one denominator for all outputs of one input
