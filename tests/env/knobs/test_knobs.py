@@ -1,4 +1,4 @@
-"""Knobs: what is refused at birth, the way between the cube and physics, and their resolution."""
+"""Knobs, spaces and constraints: what is refused at birth, and the way between the cube and physics."""
 
 import math
 
@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from prefcal_env import Constraint, Knob, KnobSpace, LinearConstraint
 from prefcal_env.errors import KnobError
-from prefcal_env.knobs import Knob, KnobSpace, LinearConstraint
 
 SPACE = KnobSpace(
     [
@@ -230,3 +230,184 @@ def test_an_integer_knob_may_go_in_larger_steps():
     space = KnobSpace([Knob("N", 3, 60, integer=True, step=5)])
     proposed = {float(space.decode(space.snap(np.array([z])))[0]) for z in np.linspace(0, 1, 400)}
     assert proposed == {3.0, *np.arange(5.0, 61.0, 5.0)}
+
+
+EVERY_KIND = KnobSpace(
+    [
+        Knob("real", 2.0, 5.0, step=0),
+        Knob("count", 3, 17, integer=True),
+        Knob("decades", 1, 5000, scale="log10", integer=True),
+    ]
+)
+coordinate = st.floats(0, 1)
+
+
+@given(st.tuples(coordinate, coordinate, coordinate))
+def test_snapping_many_agrees_with_snapping_one(z):
+    snapped, one = EVERY_KIND.snap_all(np.array([z]))[0], EVERY_KIND.snap(np.array(z))
+    assert snapped[0] == z[0]
+    assert EVERY_KIND.check(EVERY_KIND.decode(snapped))[1:] == pytest.approx(
+        EVERY_KIND.decode(one)[1:], abs=1
+    )
+    half_way = [(3 + 14 * z[1]) % 1, 5000 ** z[2] % 1]
+    for k, part in enumerate(half_way, start=1):
+        # Just between two integers, rounding may take either.
+        assert abs(part - 0.5) < 1e-9 or snapped[k] == pytest.approx(one[k], abs=1e-12)
+
+
+@given(st.lists(st.tuples(coordinate, coordinate, coordinate), max_size=5))
+def test_encoding_many_agrees_with_encoding_one(points):
+    thetas = np.array([EVERY_KIND.decode(np.array(z)) for z in points]).reshape(-1, 3)
+    z = EVERY_KIND.encode_all(thetas)
+    assert z.shape == thetas.shape
+    for theta, found in zip(thetas, z, strict=True):
+        assert found == pytest.approx(EVERY_KIND.encode(theta), abs=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("theta", "words"),
+    [
+        ((1.9, 3, 1), "'real' must be in"),
+        ((2.0, 3.5, 1), "'count' must be an integer"),
+        ((2.0, 3, np.nan), "must be finite"),
+        ((2.0, 3, np.inf), "must be finite"),
+        ((2.0, 3, 0), "'decades' must be in"),
+        ((2.0, 3), "must have shape"),
+    ],
+)
+def test_of_many_the_first_that_cannot_be_is_refused(theta, words):
+    fine = (2.0, 3.0, 1.0)[: len(theta)]
+    with pytest.raises(KnobError, match=words):
+        EVERY_KIND.encode_all(np.array([fine, theta, np.full(len(theta), 9e9)], dtype=float))
+
+
+@given(st.tuples(coordinate, coordinate, coordinate))
+def test_decoding_many_agrees_with_decoding_one(z):
+    z = EVERY_KIND.snap_all(np.array([z]))
+    assert EVERY_KIND.decode_all(z)[0] == pytest.approx(EVERY_KIND.decode(z[0]), rel=1e-12, abs=1e-12)
+
+
+def test_a_part_that_rounding_leaves_no_room_in_is_refused():
+    with pytest.raises(KnobError, match="too narrow to search"):
+        EVERY_KIND.narrowed({"real": (3.0, 3.0 + 1e-12)})
+    with pytest.raises(KnobError, match=r"expected a part of \[2.0, 5.0\], got 1 to 3"):
+        EVERY_KIND.narrowed({"real": (1, 3)})
+    with pytest.raises(KnobError, match=r"existing knobs, got \['speed'\]"):
+        EVERY_KIND.narrowed({"speed": (0, 1)})
+
+
+KNOBS = (Knob("gain", 0.01, 10.0, scale="log10"), Knob("horizon", 2, 9, integer=True))
+SUM = LinearConstraint("sum", {"gain": 2.0, "horizon": 1.0}, at_most=10.0)
+PRODUCT = Constraint("product", lambda knobs: knobs["gain"] * knobs["horizon"] - 20.0)
+CONSTRAINED = KnobSpace(KNOBS, constraints=(SUM, PRODUCT))
+inside = st.tuples(st.floats(0.01, 10.0), st.integers(2, 9)).map(lambda t: np.array(t, float))
+
+
+@given(inside)
+def test_theta_is_allowed_where_every_constraint_is_0_or_less(theta):
+    allowed = 2 * theta[0] + theta[1] <= 10 * (1 + 1e-12) and theta[0] * theta[1] <= 20
+    assert CONSTRAINED.allows(theta) is bool(allowed)
+    assert CONSTRAINED.allows(theta[None]).tolist() == [allowed]
+
+
+@given(st.lists(inside, max_size=8))
+def test_a_vectorized_constraint_says_the_same_as_one_that_is_called_for_each_theta(thetas):
+    vectorized = KnobSpace(KNOBS, [Constraint("product", PRODUCT.g, vectorized=True)])
+    rows = np.array(thetas).reshape(-1, 2)
+    assert np.array_equal(vectorized.allows(rows), KnobSpace(KNOBS, [PRODUCT]).allows(rows))
+
+
+def test_a_space_without_constraints_allows_everything_and_equals_the_one_of_before():
+    free = KnobSpace(KNOBS)
+    assert free.constraints == ()
+    assert free.allows(np.array([5.0, 9.0])) is True
+    assert free.allows(np.zeros((3, 2))).tolist() == [True] * 3
+    assert free == KnobSpace(KNOBS, ())
+    assert hash(free) == hash(KnobSpace(KNOBS, ()))
+
+
+def test_spaces_are_equal_if_knobs_and_constraints_are():
+    again = LinearConstraint("sum", {"gain": 2, "horizon": 1}, 10)
+    assert KnobSpace(KNOBS, (again, PRODUCT)) == CONSTRAINED
+    assert hash(CONSTRAINED) == hash(KnobSpace(KNOBS, (again, PRODUCT)))
+    assert KnobSpace(KNOBS) != CONSTRAINED
+    assert KnobSpace(KNOBS, (SUM, Constraint("product", lambda knobs: 0.0))) != CONSTRAINED
+    with pytest.raises(AttributeError):
+        CONSTRAINED.constraints = ()
+
+
+def test_decoding_and_encoding_work_for_theta_that_are_not_allowed():
+    theta = CONSTRAINED.decode(np.array([1.0, 1.0]))
+    assert theta.tolist() == [10.0, 9.0]
+    assert CONSTRAINED.encode(theta).tolist() == [1.0, 1.0]
+    assert CONSTRAINED.snap(np.ones(2)).tolist() == [1.0, 1.0]
+
+
+def test_theta_that_is_not_allowed_is_refused_with_name_value_and_what_was_expected():
+    assert CONSTRAINED.check_allowed([0.5, 3]).tolist() == [0.5, 3.0]
+    with pytest.raises(KnobError, match=r"'sum' must be 0 or less, got 19 at .*'gain': 10.0"):
+        CONSTRAINED.check_allowed([10.0, 9])
+    with pytest.raises(KnobError, match="must be in"):
+        CONSTRAINED.check_allowed([11.0, 9])
+
+
+def test_rounding_does_not_refuse_theta_on_the_edge_of_a_linear_constraint():
+    knobs = [Knob("a", 0, 1), Knob("b", 0, 1)]
+    space = KnobSpace(knobs, [LinearConstraint("sum", {"a": 1, "b": 1}, 0.3)])
+    assert 0.1 + 0.2 > 0.3
+    assert space.allows(np.array([0.1, 0.2]))
+    assert not space.allows(np.array([0.1, 0.2 + 1e-9]))
+
+
+def test_what_is_not_a_number_is_not_allowed():
+    space = KnobSpace(KNOBS, [Constraint("nan", lambda knobs: np.nan)])
+    assert space.allows(np.array([1.0, 3.0])) is False
+    with pytest.raises(KnobError, match="'nan' must be 0 or less, got nan"):
+        space.check_allowed([1.0, 3])
+
+
+@pytest.mark.parametrize(
+    ("g", "message"),
+    [
+        (lambda knobs: knobs["Gain"], "'odd' cannot be computed at .*KeyError"),
+        (lambda knobs: "low", "'odd' cannot be computed at .*ValueError"),
+        (lambda knobs: [1.0, 2.0], r"'odd' must return one number for each θ"),
+        (lambda knobs: None, "'odd' .*must|'odd' cannot"),
+    ],
+)
+def test_a_constraint_that_gives_no_number_is_refused_by_name(g, message):
+    space = KnobSpace(KNOBS, [Constraint("odd", g)])
+    if g({"Gain": 1}) is None:  # None is NaN to numpy, which is not allowed
+        assert not space.allows(np.array([1.0, 3.0]))
+        return
+    with pytest.raises(KnobError, match=message):
+        space.allows(np.array([1.0, 3.0]))
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Constraint("", abs), "needs a name"),
+        (lambda: Constraint("a", 3), "'a': g must be a function"),
+        (lambda: LinearConstraint(" ", {"gain": 1}, 0), "needs a name"),
+        (lambda: LinearConstraint("a", {}, 0), "'a': coefficients must map"),
+        (lambda: LinearConstraint("a", [1.0], 0), "'a': coefficients must map"),
+        (lambda: LinearConstraint("a", {"gain": np.nan}, 0), "'a': gain must be a finite"),
+        (lambda: LinearConstraint("a", {"gain": 1}, np.inf), "'a': at_most must be a finite"),
+        (lambda: LinearConstraint("a", {"gain": 1}, "0"), "'a': at_most must be a finite"),
+        (lambda: KnobSpace(KNOBS, SUM), "sequence"),
+        (lambda: KnobSpace(KNOBS, "sum"), "sequence"),
+        (lambda: KnobSpace(KNOBS, [abs]), "expected a Constraint"),
+        (lambda: KnobSpace(KNOBS, [SUM, SUM]), r"\['sum'\] more than once"),
+        (lambda: KnobSpace(KNOBS[:1], [SUM]), r"'sum' names \['horizon'\]"),
+    ],
+)
+def test_impossible_constraints_are_refused_at_birth(make, message):
+    with pytest.raises(KnobError, match=message):
+        make()
+
+
+def test_thetas_of_another_shape_are_refused():
+    for thetas in (np.zeros(3), np.zeros((2, 3)), np.zeros((1, 1, 2))):
+        with pytest.raises(KnobError, match="shape"):
+            CONSTRAINED.allows(thetas)

@@ -1,4 +1,4 @@
-"""KPIs by formula: what they compute, what they refuse, and that nothing in them is ever executed."""
+"""KPIs of a trajectory, by name and by formula."""
 
 import ast
 import builtins
@@ -8,19 +8,111 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
-from prefcal_env import Channel, Channels, recorded, tracking_kpis
+from prefcal_env import Channel, Channels, End, Experiment, recorded, tracking_kpis
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments import kpis as formula
 from prefcal_env.experiments.kpis import Formulas, formula_of, value_of
 from prefcal_env.experiments.panels import without_record
 
+LEVEL, VALVE = Channel("level", "m"), Channel("valve", "%")
+
+
+def run(level, valve=(0.0, 4.0, 1.0), reference=2.0, *, band=None, t=None, signal=False):
+    """An experiment of one output, one input decided at the first instants."""
+    level = np.asarray(level, dtype=float)
+    t = np.arange(len(level), dtype=float) if t is None else t
+    n = len(valve)
+    y = Channel("level", "m", band=band)
+    return Experiment(
+        theta=np.array([1.0]),
+        t=t,
+        x=np.zeros((len(t), 1)) if signal else level[:, None],
+        u=np.zeros((len(t), 1)),
+        t_control=t[:n],
+        u_control=np.array(valve)[:, None],
+        y_ref=np.full((n, 1), reference),
+        iterations=np.zeros(n, int),
+        solve_time=np.zeros(n),
+        solved=np.ones(n, bool),
+        end=End.TIME_UP,
+        channels=Channels(x=(Channel("other") if signal else LEVEL,), u=(VALVE,), y=(y,)),
+        signals={"level": level} if signal else {},
+    )
+
+
+def test_a_curve_by_hand():
+    kpis = tracking_kpis(run([6.0, 4.0, 1.0, 2.0, 2.0]))  # errors 4, 2, -1, 0, 0
+    assert kpis == {
+        "integrated error of level": 7.0,
+        "late error of level": 4.0,  # 2 at 1 s, 1 at 2 s
+        "settling time of level": 3.0,
+        "overshoot of level": 1.0,
+        "final error of level": 0.0,
+        "total move of valve": 7.0,
+        "largest move of valve": 4.0,
+        "RMS move of valve": pytest.approx(np.sqrt((16 + 9) / 2)),
+    }
+
+
+def test_the_start_of_time_does_not_matter():
+    level = [6.0, 4.0, 1.0, 2.0, 2.0]
+    shifted = tracking_kpis(run(level, t=np.arange(5.0) + 100.0))
+    assert shifted == pytest.approx(tracking_kpis(run(level)))
+
+
+def test_a_curve_that_never_settles_is_infinite_and_a_band_counts():
+    assert tracking_kpis(run([6.0, 4.0, 3.0]))["settling time of level"] == np.inf
+    assert tracking_kpis(run([6.0, 4.0, 3.0], band=1.5))["settling time of level"] == 2.0
+    assert tracking_kpis(run([2.0, 2.0, 2.0]))["settling time of level"] == 0.0
+
+
+def test_overshoot_is_beyond_the_reference_from_either_side():
+    from_below = tracking_kpis(run([0.0, 1.0, 5.0, 2.0]))
+    from_above = tracking_kpis(run([6.0, 5.0, 3.0, 2.0]))
+    assert from_below["overshoot of level"] == 3.0
+    assert from_above["overshoot of level"] == 0.0
+
+
+def test_an_output_may_be_a_signal_and_one_that_is_neither_is_left_out():
+    assert "overshoot of level" in tracking_kpis(run([6.0, 1.0, 2.0], signal=True))
+    unknown = replace(run([6.0, 1.0, 2.0]), channels=Channels((LEVEL,), (VALVE,), (VALVE,)))
+    assert not any("error" in name for name in tracking_kpis(unknown))
+
+
+def test_without_a_record_or_with_holes_nothing_is_said():
+    nothing = run([6.0, 4.0, 1.0])
+    empty = replace(
+        nothing,
+        t=np.zeros(0),
+        x=np.zeros((0, 1)),
+        u=np.zeros((0, 1)),
+        t_control=np.zeros(0),
+        u_control=np.zeros((0, 1)),
+        y_ref=np.zeros((0, 1)),
+        iterations=np.zeros(0, int),
+        solve_time=np.zeros(0),
+        solved=np.zeros(0, bool),
+        end=End.FAILED,
+    )
+    assert tracking_kpis(empty) == {}
+    assert not any("error" in name for name in tracking_kpis(run([1.0, 2.0, 3.0], reference=np.nan)))
+
+
+@given(arrays(float, st.integers(3, 12), elements=st.floats(-1e100, 1e100)))
+def test_every_kpi_is_a_number_that_is_not_negative(level):
+    kpis = tracking_kpis(run(level))
+    assert len(kpis) == 8
+    assert all(value >= 0 for value in kpis.values())
+
+
 T = np.linspace(0.0, 10.0, 101)
-LEVEL = 2 * (1 - np.exp(-T) * np.cos(2 * T))
+SWINGING = 2 * (1 - np.exp(-T) * np.cos(2 * T))
 RUN = recorded(
     [1.0],
     T,
-    {"level": LEVEL, "tank.T": 3 * LEVEL},
+    {"level": SWINGING, "tank.T": 3 * SWINGING},
     {"valve": np.sin(T)},
     {"level": 2.0},
     signals={"load": np.where(T < 5, 0.0, np.nan)},
@@ -34,18 +126,21 @@ def value(text):
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("max(level) - ref(level)", LEVEL.max() - 2),
-        ("max(abs(level - ref(level)), after=5)", np.abs(LEVEL - 2)[50:].max()),
-        ("min(level, after=1, before=2)", LEVEL[10:21].min()),
-        ("first(level) + 2 * last(level) - -1", 2 * LEVEL[-1] + 1),
-        ("peak_to_peak('tank.T') / 3", np.ptp(LEVEL)),
-        ("mean(level)", LEVEL[:-1].mean()),
+        ("max(level) - ref(level)", SWINGING.max() - 2),
+        ("max(abs(level - ref(level)), after=5)", np.abs(SWINGING - 2)[50:].max()),
+        ("min(level, after=1, before=2)", SWINGING[10:21].min()),
+        ("first(level) + 2 * last(level) - -1", 2 * SWINGING[-1] + 1),
+        ("peak_to_peak('tank.T') / 3", np.ptp(SWINGING)),
+        ("mean(level)", SWINGING[:-1].mean()),
         ("rms(valve) ** 2", (np.sin(T[:-1]) ** 2).mean()),
         ("sqrt(max(time))", np.sqrt(10)),
-        ("integral(level > 2)", 0.1 * (LEVEL[:-1] > 2).sum()),
-        ("sum(max(level, 2, 2.1) - min(level, 2))", (np.maximum(LEVEL, 2.1) - np.minimum(LEVEL, 2)).sum()),
+        ("integral(level > 2)", 0.1 * (SWINGING[:-1] > 2).sum()),
+        (
+            "sum(max(level, 2, 2.1) - min(level, 2))",
+            (np.maximum(SWINGING, 2.1) - np.minimum(SWINGING, 2)).sum(),
+        ),
         ("max(peak_to_peak(level <= 2), 0)", 1.0),
-        ("last(ref(level) + level)", 2 + LEVEL[-1]),
+        ("last(ref(level) + level)", 2 + SWINGING[-1]),
     ],
 )
 def test_a_formula_computes_what_it_says(text, expected):
@@ -83,7 +178,7 @@ def test_what_is_not_finite_is_data(text, expected):
 
 def test_a_run_without_a_record_has_no_kpis():
     kpis = Formulas((("peak", "max(level)"),))
-    assert kpis(RUN.with_kpis({}))["peak"] == LEVEL.max()
+    assert kpis(RUN.with_kpis({}))["peak"] == SWINGING.max()
     assert kpis(without_record(RUN)) == {}
 
 
@@ -214,7 +309,7 @@ def test_an_output_is_what_is_measured_also_where_a_state_has_its_name():
         x=np.zeros((101, 1)),
         u=RUN.u[:, :0],
         u_control=RUN.u_control[:, :0],
-        y=LEVEL[:, None],
+        y=SWINGING[:, None],
         y_ref=RUN.y_ref[:, :1],
     )
-    assert value_of("max(level)", run) == LEVEL.max()
+    assert value_of("max(level)", run) == SWINGING.max()
