@@ -1,22 +1,27 @@
-"""What varies of loops, of any plant, and of the case studies; and that controllers stay."""
+"""What varies in a verification, what its runs share, and what is written of it."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from prefcal_env import FunctionPlant
+from prefcal_env import FunctionPlant, Knob, KnobSpace, Maneuvers, recorded
 from prefcal_env.controllers.margins import MarginKPIs, margins
-from prefcal_env.experiments.experiment import Channel, Measurement, Move
+from prefcal_env.disk import digest_of
+from prefcal_env.errors import ScenarioError
+from prefcal_env.experiments.experiment import Channel, End, Measurement, Move
 from prefcal_env.plants.plant import Plant
-from prefcal_scenarios import load
+from prefcal_env.preferences.answer import Reading
+from prefcal_scenarios import KPI, Scenario, load
 from prefcal_scenarios.cases.loops.family import LOOPS
 from prefcal_scenarios.described.lqr_scenario import lqr_scenario
 from prefcal_scenarios.described.pid_scenario import pid_scenario
 from prefcal_scenarios.names import CLOSED_LOOPS
 from prefcal_scenarios.verification import verify
 from prefcal_scenarios.verification.loops import Designed, LawController, Worn
-from prefcal_scenarios.verification.plants import Scaled, factors_of, varied_plant
+from prefcal_scenarios.verification.plants import Factor, Scaled, factors_of, varied_plant
+from prefcal_scenarios.verification.result import BEST, FILE, Verified, VerifiedRun, WorstRun
+from prefcal_scenarios.verification.varied_runs import Perturbed, runs_kept
 from support.varied_loops import (
     assert_it_starts_at_rest_where_the_study_does,
     assert_without_a_variation_the_run_is_that_of_the_study,
@@ -244,3 +249,185 @@ def test_the_overtaking_varies_the_car_and_where_it_starts():
     longer = subject.at({"wheelbase": 4.9, "start beside the center line": 0.2})(theta)
     assert longer.x[0, 1] == 0.2
     assert longer.kpis != scenario.run(theta).kpis
+
+
+def test_kpis_that_a_scenario_does_not_state_are_found():
+    def run(theta, seed=0, lag=2.0):
+        t = np.linspace(0.0, 20.0, 201)
+        return recorded(theta, t, {"y": 1 - np.exp(-t * theta[0] / lag)}, reference={"y": 1.0}, kpis=None)
+
+    found = verify(
+        Scenario("lag", "Lag", KnobSpace([Knob("gain", 0.0, 9.0)]), run), np.array([2.0]), 4, jobs=1
+    )
+    assert found.kpis
+    assert all({kpi.name for kpi in found.kpis} <= set(run.kpis) for run in found.runs)
+
+
+def step(theta, seed=0, mass=1.0, load=3.0):
+    made = recorded(theta, [0.0, 1.0], {"y": [0.0, 1.0]})
+    return made.with_kpis({"weight": mass * theta[0], "pull": load})
+
+
+def heavy(theta, seed=0, mass=2.0):
+    return step(theta, seed, mass=mass, load=0.0)
+
+
+def test_all_maneuvers_meet_the_same_variation():
+    runs = Maneuvers({"light": step, "heavy": heavy})
+    kpis = (KPI("weight", "weight", better="lower"), KPI("pull", "pull", better="lower"))
+    space = KnobSpace([Knob("gain", 0.0, 10.0)])
+    scenario = Scenario("both", "Both", space, runs, kpis=kpis)
+    found = verify(scenario, np.array([2.0]), 20, jobs=1)
+    assert [(f.name, f.nominal) for f in found.factors] == [("mass", 1.0), ("load", 3.0)]
+    for run in found.runs:
+        mass = run.values["mass"]
+        assert run.kpis["weight (light)"] == pytest.approx(2 * mass)
+        assert run.kpis["weight (heavy)"] == pytest.approx(4 * mass)
+        assert run.kpis["pull"] == run.values["load"]
+    assert found.tuning.nominal.kpis == scenario.run(np.array([2.0])).kpis
+
+
+READING = Reading()
+
+
+@pytest.fixture(scope="module")
+def lag() -> Scenario:
+    return load("lag")
+
+
+def snapped_middle(scenario):
+    return scenario.space.decode(scenario.space.snap(np.full(len(scenario.space), 0.5)))
+
+
+def test_without_a_number_a_run_is_that_of_the_scenario(lag):
+    theta = snapped_middle(lag)
+    assert Perturbed(lag, 0).run(theta, seed=4) == lag.run(theta, seed=4)
+
+
+def test_each_number_is_another_plant_with_other_noise_whatever_ran_before(lag):
+    theta, source = snapped_middle(lag), Perturbed(lag, 0)
+    runs = [source.run(np.append(theta, k)) for k in (1, 2, 1)]
+    assert runs[0].kpis == runs[2].kpis != runs[1].kpis
+    assert Perturbed(lag, 0).run(np.append(theta, 2)).kpis == runs[1].kpis
+    assert Perturbed(lag, 1).run(np.append(theta, 2)).kpis != runs[1].kpis
+    assert runs[0].theta.tolist() == [*theta.tolist(), 1.0]
+
+
+def test_they_are_not_the_runs_of_the_verification_that_follows(lag):
+    theta = snapped_middle(lag)
+    judged = {Perturbed(lag, 0).run(np.append(theta, k)).kpis["error"] for k in range(1, 9)}
+    assert judged.isdisjoint(run.kpis["error"] for run in verify(lag, theta, 8, jobs=1).runs)
+
+
+def counted(bad, *, reading=READING, thetas=(0.0,)):
+    """Count runs; `bad` gives KPIs of θ and run (0: nominal), and note which runs were made."""
+    made = []
+
+    def many(points):
+        made.extend(tuple(point.tolist()) for point in points)
+        return [bad(point[0], int(point[1]) if len(point) > 1 else 0) for point in points]
+
+    return runs_kept(many, reading, [np.array([theta]) for theta in thetas], 40), made
+
+
+def test_runs_are_counted_until_one_does_not_keep_the_limits():
+    thetas = (0.5, 1.0, 12.0)
+    found, made = counted(lambda theta, run: {"time": np.inf if run == theta else 1.0}, thetas=thetas)
+    assert found == [40, 0, 11]
+    assert max(run for theta, run in (p for p in made if len(p) > 1) if theta == 1.0) == 2
+
+
+def test_a_run_that_failed_or_was_unsafe_does_not_keep_the_limits():
+    assert counted(lambda theta, run: {} if run == 3 else {"time": 1.0})[0] == [2]
+    assert counted(lambda theta, run: {"a": np.inf if run == 5 else 2.0, "b": 1.0})[0] == [4]
+
+
+def test_what_never_settles_even_nominally_need_not():
+    assert counted(lambda theta, run: {"time": np.inf, "other": np.inf if run == 9 else 1.0})[0] == [8]
+
+
+def test_what_is_unsafe_nominally_does_not_hold():
+    assert counted(lambda theta, run: {})[0] == [0]
+    assert counted(lambda theta, run: {"time": np.inf, "other": np.inf})[0] == [0]
+
+
+def test_an_objective_is_a_limit_as_people_read_it():
+    reading = Reading({"time": 0.1}, {"time": 1.0})
+    assert counted(lambda theta, run: {"time": 0.9 + 0.1 * run}, reading=reading)[0] == [1]
+    assert counted(lambda theta, run: {"time": 1.04}, reading=reading)[0] == [40]
+    assert counted(lambda theta, run: {"time": 1.2}, reading=reading)[0] == [40]
+
+
+FOUND = Verified(
+    statement="299 of 299 runs keep the stated limits.",
+    limits_kept="Stated limits: a safe end.",
+    share=1.0,
+    bound=0.01,
+    runs=299,
+    planned=299,
+    baseline="current tuning",
+    kpis=(("overshoot [%]", "≤ 5", "1", "0", "2", "7", "5", "9"),),
+    margins=(("phase margin [°]", "60", "44"),),
+    basis="The unconstrained law.",
+    effects=("dead time (4.8 to 7.2 s): overshoot by 40 % of its range in all runs",),
+    worst=(WorstRun("within the limits", {"dead time": 7.1}, 3, "acceptable"),),
+    varied=("dead time 4.8 to 7.2 s",),
+    left_out=("Sampling jitter is not varied.",),
+    scenario="lag",
+    version="1.0",
+    best="",
+)
+
+
+FACTORS = (
+    Factor("jitter", "sensor", 0.0, 0.0, 0.1),
+    Factor.around("dead time", "dead time", 0.2, 6.0, "s"),
+    Factor("noise", "sensor", 0.0, 0.0, 0.002, "of the step"),
+    *(Factor.around(f"gain {k}", "parameter", 0.1) for k in range(5)),
+)
+
+
+def run_of(problems=()):
+    values = {"jitter": 3.082e-5, "dead time": 7.03456, "noise": 0.00117234}
+    values |= {f"gain {k}": 1.0 + 0.01 * k for k in range(5)}
+    return VerifiedRun(values, 3, End.TIME_UP, {}, problems)
+
+
+def test_a_worst_run_names_what_moved_most_within_its_range_with_units():
+    worst = WorstRun.of(run_of(("overshoot misses its objective",)), FACTORS)
+    assert worst.words == "overshoot misses its objective"
+    assert worst.text == (
+        "dead time 7.03 s, noise 0.00117 of the step, gain 4 1.04, gain 3 1.03, gain 2 1.02, "
+        "gain 1 1.01 and 2 others"
+    )
+    assert WorstRun("", {"dead time": 7.1}, 3).text == "dead time 7.1"
+
+
+def test_a_worst_run_that_keeps_the_limits_is_only_the_most_different():
+    assert WorstRun.of(run_of(), FACTORS).words == "most different from nominal, within the limits"
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / BEST).write_text("{}")
+    return tmp_path
+
+
+def test_what_is_written_is_read(folder):
+    assert Verified.read(folder) is None
+    found = replace(FOUND, best=digest_of(folder / BEST))
+    found.write(folder)
+    assert Verified.read(folder) == found
+
+
+def test_a_verification_of_another_tuning_is_none(folder):
+    replace(FOUND, best=digest_of(folder / BEST)).write(folder)
+    (folder / BEST).write_text("{ }")
+    assert Verified.read(folder) is None
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"statement": "fine"}'])
+def test_a_damaged_file_is_said(folder, text):
+    (folder / FILE).write_text(text)
+    with pytest.raises(ScenarioError, match=r"verification\.json"):
+        Verified.read(folder)
