@@ -152,7 +152,7 @@ def test_a_page_that_waits_is_there_until_its_wait_ends(toy):
 def test_how_long_no_page_has_been_open():
     now = [1e6]
     presence = Presence(lambda: now[0])
-    assert presence.away() is None  # before the first client_of
+    assert presence.away() is None  # before the first page
     presence.seen(True)
     now[0] += 10.0
     assert presence.away() == 10.0
