@@ -20,7 +20,6 @@ EXTENDED = {
     "documents": ("test_notebooks.py", "test_own_*.py", "test_parts.py", "test_release_files.py"),
     "fmu": ("worlds/fmu/*",),
     "libraries": (
-        "env/controllers/test_lqr.py",
         "env/controllers/test_margins.py",
         "env/study/test_exports.py",
         "env/tables/test_parquet.py",
@@ -32,7 +31,6 @@ EXTENDED = {
     "notebook": ("worlds/notebook/*",),
     "processes": (
         "env/study/test_disk.py",
-        "env/test_compiling.py",
         "env/test_jit.py",
         "env/workers/*",
         "scenarios/isolated/*",
@@ -49,7 +47,6 @@ EXTENDED = {
         "agents/models/test_learned_cost.py",
         "agents/screening/test_[abcg]*.py",
         "env/mpc/test_exact.py",
-        "env/plants/test_function_plant.py",
         "env/plants/test_integrate.py",
         "app/session/test_[cfps]*.py",
         "app/view/test_now.py",

@@ -1,18 +1,26 @@
-"""Whom an agent that simulates takes for the best, and what it never asks."""
+"""Whom an agent that simulates takes for the best, whatever its simulation does and its KPIs miss."""
 
+import json
+import warnings
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 
-from contracts.agents import MIXED
-from prefcal_agents import Screening
+from contracts.agents import HALF, MIXED, RARE, SMALL, TINY, judge, run
+from prefcal_agents import Screening, restore
 from prefcal_agents.agent import AgentState
-from prefcal_env.errors import SettingsError
-from prefcal_env.preferences.answer import Reading
-from prefcal_env.preferences.history import Lead
+from prefcal_agents.screening.agent import BeyondKPIs, without_kpis
+from prefcal_agents.screening.bank import Growth, Simulations
+from prefcal_env.errors import ProtocolError, SettingsError, SimulationError
+from prefcal_env.knobs import Knob, KnobSpace
+from prefcal_env.preferences.answer import Answer, Mark, Reading
+from prefcal_env.preferences.history import History, Lead
 from support.agents import quick
-from support.simulated import SQUARE
+from support.simulated import SQUARE, in_chain
 
 
 def wanted(theta):
@@ -127,3 +135,259 @@ def test_differences_that_cannot_be_read_change_nothing():
     study.tell(study.ask(), None)
     assert np.all(study.bank.kpis[:, study.bank.names.index("c")] == 0.0)
     assert "c" not in (*study.reason.better_in, *study.reason.worse_in)
+
+
+FROZEN = MIXED.narrowed({"weight": (0.31, 0.31), "horizon": (3, 5)})
+LINE = KnobSpace([Knob("gain", 1e-6, 1e6, scale="log10")])
+SPACES = {
+    "mixed": MIXED,
+    "small": SMALL,
+    "tiny": TINY,
+    "half": HALF,
+    "rare": RARE,
+    "frozen": FROZEN,
+    "line": LINE,
+}
+ODD = (np.nan, np.inf, -np.inf, 0.0, 1e308, -1e308, 5e-324, 1.0)
+KINDS = ("fine", "odd", "missing", "constant", "huge", "none", "empty", "raises")
+ANSWERS = (
+    -1,
+    0,
+    1,
+    None,
+    Answer(-1, strength=3),
+    Answer(1, marks=(Mark.CHALLENGER_UNSAFE,)),
+    Answer(None, marks=(Mark.INCUMBENT_GOOD_ENOUGH,)),
+)
+
+
+def wild(kinds, names, theta):
+    """A simulation that does one of `kinds`, as θ decides, and writes into θ."""
+    rng = np.random.default_rng(list(theta.tobytes()))
+    kind = kinds[rng.integers(len(kinds))]
+    theta[:] = np.nan
+    if kind == "raises":
+        raise ArithmeticError("diverged")
+    if kind in ("none", "empty"):
+        return None if kind == "none" else {}
+    values = rng.standard_normal(len(names))
+    if kind == "odd":
+        values = rng.choice(ODD, size=len(names))
+    if kind in ("constant", "huge"):
+        values = np.full(len(names), 2.0) if kind == "constant" else values * 1e307
+    found = dict(zip(names, values, strict=True))
+    return dict(list(found.items())[: rng.integers(len(names)) + 1]) if kind == "missing" else found
+
+
+def check(agent):
+    """Check what people and programs read of an agent with an open question."""
+    bank = agent.bank
+    assert not np.isnan(bank.kpis).any()
+    assert len({theta.tobytes() for theta in bank.thetas}) == len(bank) == len(bank.z)
+    assert all(agent.space.allows(theta) for theta in bank.thetas)
+    assert agent.simulations.count >= len(bank)
+    assert 0 <= agent.chance_of_better <= 1
+    reason = agent.reason
+    if reason is not None:
+        assert 0 <= reason.chance <= 1
+        named = {*reason.better_in, *reason.worse_in}
+        assert named <= set(bank.names)
+        assert not set(reason.better_in) & set(reason.worse_in)
+
+
+@settings(max_examples=60)
+@given(
+    kinds=st.lists(st.sampled_from(KINDS), min_size=1, max_size=3),
+    names=st.sampled_from(["a", "ab", "abcdefg"]),
+    space=st.sampled_from(list(SPACES)),
+    n_simulated=st.sampled_from([1, 2, 3, 20]),
+    answers=st.lists(st.sampled_from(ANSWERS), min_size=5, max_size=5),
+    seed=st.integers(0, 9),
+)
+@example(["constant"], "ab", "mixed", 20, [1, -1, 0, 1, -1], 0)
+@example(["odd"], "a", "line", 20, [1, -1, 0, 1, -1], 0)
+@example(["huge", "raises"], "abcdefg", "tiny", 20, [1, -1, 0, 1, -1], 0)
+def test_any_simulation_makes_a_study(kinds, names, space, n_simulated, answers, seed):
+    make = partial(Screening, SPACES[space], n_simulated=n_simulated, n_max=5, seed=seed)
+    agent = make(simulate=partial(wild, kinds, names))
+    try:
+        agent.ask()
+    except SimulationError:
+        assert {*kinds} & {"raises", "none", "empty", "odd"}
+        assert agent.simulations.failed == agent.simulations.count
+        return
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for answer in answers:
+            check(agent)
+            agent.tell(agent.ask(), answer)
+    while not agent.done:  # follow-up questions
+        agent.tell(agent.ask(), judge(agent.ask()))
+    assert len({theta.tobytes() for theta in agent.samples}) == 5
+    assert agent.best.tolist() in agent.samples.tolist()
+    assert all(agent.space.allows(theta) for theta in agent.samples)
+    assert agent.simulations.count <= n_simulated + 5
+
+
+def test_what_failed_or_is_interrupted_is_not_shown_while_anything_else_is_there():
+    def fragile(theta):
+        if theta[0] > 0.3:
+            raise ArithmeticError("diverged")
+        return quick(theta) if theta[2] < 0 else dict.fromkeys(quick(theta), np.inf)
+
+    agent = Screening(MIXED, simulate=fragile, n_simulated=60, n_max=6)
+    run(agent)
+    assert agent.simulations.failed > 10
+    assert np.all(agent.samples[:, 0] <= 0.3)
+    assert np.all(agent.samples[:, 2] < 0)
+
+
+@pytest.mark.parametrize("space", ["tiny", "small"])
+def test_a_space_of_few_theta_is_simulated_at_most_once(space):
+    runs = []
+
+    def simulate(theta):
+        runs.append(tuple(theta))
+        return quick(theta)
+
+    agent = Screening(SPACES[space], simulate=simulate, n_simulated=3000, n_max=8)
+    run(agent)
+    assert len(set(runs)) == len(runs) == agent.simulations.count <= 4000
+    if space == "tiny":
+        assert set(runs) == {(a, b) for a in (0.0, 1.0, 2.0) for b in (1.0, 2.0)}
+
+
+@pytest.mark.parametrize("space", [HALF, RARE, FROZEN], ids=["half", "rare", "frozen"])
+def test_nothing_is_simulated_that_could_not_be_shown(space):
+    seen = []
+
+    def simulate(theta):
+        seen.append(theta.copy())
+        return quick(theta)
+
+    agent = Screening(space, simulate=simulate, n_simulated=80, n_max=5, seed=2)
+    run(agent)
+    assert len(seen) >= 20
+    assert all(space.allows(theta) and space.searches(theta) for theta in seen)
+    assert {tuple(theta) for theta in agent.samples} <= {tuple(theta) for theta in seen}
+
+
+def test_what_is_shown_was_simulated_before_it_is_asked_about():
+    agent = Screening(MIXED, simulate=quick, n_simulated=50, n_max=5, start=(0.5, 7, -1.0))
+    while not agent.done:
+        query = agent.ask()
+        count = agent.simulations.count
+        bank = agent.bank
+        if query.challenger.index:  # the first one may be a given θ, not simulated yet
+            assert np.array_equal(bank.thetas[bank.find(query.challenger.theta)], query.challenger.theta)
+            assert bank.find(query.incumbent.theta) is not None
+        assert agent.simulations.count == count or not query.challenger.index
+        agent.tell(query, judge(query))
+
+
+def test_what_a_copy_simulates_is_not_simulated_again():
+    runs = []
+
+    def simulate(theta):
+        runs.append(1)
+        return quick(theta)
+
+    agent = Screening(MIXED, simulate=simulate, n_simulated=60, n_max=8)
+    run(agent, [None, -1])
+    twin = agent.copy()
+    twin.tell(twin.ask(), -1)
+    expected, count = twin.ask(), len(runs)
+    agent.tell(agent.ask(), -1)
+    assert agent.ask() == expected
+    assert len(runs) == count
+    assert twin.simulations is agent.simulations
+    other = agent.with_simulations(quick)
+    assert (other.simulate, other.simulations.count) == (quick, 0)
+
+
+def test_a_restored_agent_repeats_its_question_and_simulates_again_when_told_how():
+    agent = Screening(MIXED, simulate=quick, n_simulated=40, n_max=6, start=(0.5, 7, -1.0))
+    run(agent, [None, -1, 1])
+    query = agent.ask()
+    stored = AgentState.from_dict(json.loads(json.dumps(agent.state.to_dict())))
+    bare = restore(MIXED, stored)
+    assert bare.ask() == query
+    assert bare.simulate is None
+    for use in (lambda: bare.bank, lambda: bare.simulations):
+        with pytest.raises(SettingsError, match="needs simulate"):
+            use()
+    again = restore(MIXED, stored, simulate=quick)
+    assert (again.n_simulated, again.simulate) == (40, quick)
+    assert run(again) == run(agent)
+    assert again.bank.kpis.tolist() == agent.bank.kpis.tolist()
+
+
+@pytest.mark.parametrize("n_simulated", [0, -1, 2.5, "many", None, True])
+def test_an_impossible_number_of_simulations_is_refused(n_simulated):
+    with pytest.raises(SettingsError, match="n_simulated"):
+        Screening(MIXED, simulate=quick, n_simulated=n_simulated)
+
+
+def test_a_state_with_another_number_of_simulations_goes_on_with_that():
+    agent = Screening(MIXED, simulate=quick, n_simulated=10, n_max=4)
+    run(agent, [None])
+    more = replace(agent.state, settings=(("n_simulated", 80),))
+    after = restore(MIXED, more, simulate=quick)
+    run(after)
+    assert after.simulations.count > 20
+    with pytest.raises(ProtocolError):
+        after.ask()
+
+
+def unrelated(theta):
+    """KPIs that θ does not explain, so that a person judges by either."""
+    noise = np.random.default_rng(list(theta.tobytes())).uniform(-1, 1, 3)
+    return dict(zip("abc", 10.0**noise, strict=True))
+
+
+def by_theta(theta):
+    return float(np.sum((theta - [0.3, 0.8]) ** 2))
+
+
+def by_kpis(theta):
+    kpis = unrelated(theta)
+    return float(np.log(kpis["a"]) + 0.2 * np.log(kpis["b"]))
+
+
+def studied(cost, count, seed=0):
+    """The record of someone with this cost and `count` answers, and its stage."""
+    grown = Growth(Simulations(unrelated), SQUARE, 60, seed)
+    bank = grown.stage(History()).bank
+    costs = [cost(theta) for theta in bank.thetas[: count + 1]]
+    record = in_chain(bank, range(count + 1), np.sign(np.diff(costs)).astype(int).tolist())
+    return record, grown.stage(record)
+
+
+def proposed(record, stage, seed=0):
+    return BeyondKPIs(Simulations(unrelated), SQUARE, seed).propose(record, stage)
+
+
+def test_who_judges_by_theta_is_shown_proposals_without_kpis_after_ten_answers():
+    found = [without_kpis(*studied(by_theta, 10, s)) for s in range(3)]
+    assert all(found)
+
+
+def test_who_judges_by_the_kpis_is_not():
+    found = [without_kpis(*studied(by_kpis, 10, s)) for s in range(3)]
+    assert not any(found)
+
+
+def test_what_is_proposed_is_a_point_of_the_cube_and_the_same_for_the_same_seed():
+    record, stage = studied(by_theta, 12)
+    one, again = (proposed(record, stage, 4) for _ in range(2))
+    assert one.shape == (2,)
+    assert np.all((one >= 0) & (one <= 1))
+    assert np.array_equal(one, again)
+
+
+def test_every_fourth_proposal_fills_the_space():
+    record, stage = studied(by_theta, 11)
+    point = proposed(record, stage)
+    assert np.array_equal(point, stage.bank.z[stage.spread[11]])
+    record, stage = studied(by_theta, 12)
+    assert not np.any(np.all(stage.bank.z == proposed(record, stage), axis=1))

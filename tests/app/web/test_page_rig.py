@@ -1,8 +1,14 @@
-"""The page for a rig, and for a plant that breaks down, in a real browser."""
+"""The page for a rig, for maneuvers, for a plant that breaks down or never returns, in a real browser."""
 
+import sys
+from pathlib import Path
+
+import numpy as np
 import pytest
 
-from support.browser import Watched
+from prefcal_scenarios.own import module_at
+from support.browser import Watched, serve, window_on
+from support.page_checks import pixels, serious
 from toy_scenario_tools import record_of_toy
 from toy_study import TOY
 
@@ -117,3 +123,82 @@ def test_a_plant_that_breaks_down_is_tried_again(browser, command, own):
     watched.page.click("button:has-text('Try again')")
     watched.question()
     assert len(served.state.finished) == 3
+
+
+DOCS = Path(__file__).parents[3] / "docs"
+BLUE, ORANGE = (11, 99, 194), (185, 58, 6)
+
+
+@pytest.fixture
+def served(tmp_path):
+    tank = module_at(DOCS / "heated_tank.py").heated_tank
+    with window_on(tank, tmp_path / "mine.prefcal", 4) as window:
+        yield tank, window
+    sys.modules.pop("heated_tank", None)
+
+
+def _largest(tank, page):
+    """Maneuver and time at which the temperatures differ most, as a share of the drawn axes."""
+    theta = [
+        [float(t.split()[0]) for t in page.locator(f"#{side}-thetas dd").all_inner_texts()]
+        for side in ("left", "right")
+    ]
+    runs = [tank.run(np.array(values)).runs for values in theta]
+    found = {}
+    for k, (a, b) in enumerate(zip(*runs, strict=True)):
+        page.keyboard.press(str(k + 1))
+        page.wait_for_timeout(150)
+        low, high = page.evaluate("() => document.getElementById('left-plot')._fullLayout.yaxis.range")
+        apart = np.abs(np.interp(a.t, b.t, b.x[:, 0]) - a.x[:, 0]) / (high - low)
+        found[a.maneuver] = (float(apart.max()), float(a.t[apart.argmax()]))
+    name = max(found, key=lambda key: found[key][0])
+    page.keyboard.press("j")
+    page.wait_for_timeout(200)
+    return name, found[name][1]
+
+
+def test_tabs_show_each_maneuver_and_j_finds_the_largest_difference(browser, served):
+    tank, window = served
+    watched = Watched(browser)
+    watched.open(window.link)
+    page = watched.page
+    assert page.locator("#maneuvers .tab .name").all_inner_texts() != []
+    page.keyboard.press("2")
+    page.wait_for_timeout(200)
+    assert "load" in page.inner_text("#maneuvers [aria-pressed=true]")
+    for color, side in ((BLUE, "left"), (ORANGE, "right")):
+        assert pixels(page, f"#{side}-plot", color) > 400
+        assert pixels(page, "#maneuvers .tab >> nth=1", color) > 50
+    page.keyboard.press("j")
+    page.wait_for_timeout(200)
+    chosen = page.locator("#maneuvers .tab[aria-pressed=true]")
+    assert "most" in chosen.get_attribute("class").split()
+    name, time = _largest(tank, page)
+    assert name in chosen.inner_text()
+    read = page.inner_text("#left-plot output >> nth=0")
+    assert float(read.partition("@ ")[2].split()[0]) == pytest.approx(time, abs=0.06)
+    assert serious(page) == []
+    assert watched.errors == []
+
+
+HANGS = Path(__file__).parents[2] / "support" / "wild_runs.py"
+
+
+def test_a_run_that_hangs_is_stopped_on_the_page(tmp_path, browser):
+    served = serve(tmp_path, f"{HANGS}:hangs", "--seed", "5", "--n-init", "3")
+    try:
+        watched = Watched(browser)
+        page = watched.page
+        page.goto(served.link)
+        page.wait_for_selector("#stop-run:visible")
+        assert page.inner_text("#wait-title") == "Running experiment 1"
+        assert "A run is stopped after 1 h (--run-timeout)" in page.inner_text("#stop-text")
+        watched.shot("stop-run")
+        page.click("#stop-run")
+        watched.phase("failed")
+        assert "you stopped the run after" in page.inner_text("#view-failed .problem")
+        page.click("button:text('Count it as failed')")
+        watched.phase("question")
+        assert watched.errors == []
+    finally:
+        served.stop()

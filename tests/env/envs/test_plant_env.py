@@ -1,18 +1,26 @@
-"""A plant and a task as an environment."""
+"""A plant and a task as an environment, and the closed loop around it."""
 
 from dataclasses import replace
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import prefcal_env
+from prefcal_env.controllers.pid import PID
 from prefcal_env.envs import PlantEnv, Task
+from prefcal_env.envs.closed_loop import ClosedLoop, rollout
 from prefcal_env.envs.plant_env import observed_of
+from prefcal_env.envs.task import StepSignal
 from prefcal_env.errors import PlantError, ProtocolError, SettingsError
 from prefcal_env.experiments.experiment import Channel, End
+from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.plants import FunctionPlant
-from support.tank import INFLOW, LEVEL, RAIN, TANK, tank_env, tank_task
+from prefcal_env.plants.plant import Plant
+from support.short_runs import short_run
+from support.tank import INFLOW, LEVEL, RAIN, TANK, pi_of, tank_env, tank_task
 
 
 def level_after(u: float, t: np.ndarray | float, d: float = 0.0) -> np.ndarray | float:
@@ -333,3 +341,104 @@ def test_all_outputs_with_a_reference_are_tracked():
     assert env.observation_space.shape == (4,)
     with pytest.raises(SettingsError, match="that have a reference"):
         PlantEnv(plant, replace(one, tracked=(1,)))
+
+
+def test_each_value_holds_from_its_time_on():
+    signal = StepSignal((0.0, 1.0), ((2.0, (3.0, 4.0)), (5.0, (-1.0, 1.0))))
+    t = np.array([0.0, 1.9, 2.0, 4.9, 5.0, 9.0])
+    wanted = [[0, 1], [0, 1], [3, 4], [3, 4], [-1, 1], [-1, 1]]
+    assert signal.over(t).tolist() == [signal(at).tolist() for at in t] == wanted
+
+
+SPACE = KnobSpace([Knob("K_p", 0.1, 2.0), Knob("K_i", 0.0, 1.0)])
+ID = "prefcal/Experiment-v0"
+
+
+@pytest.mark.parametrize("source", [tank_env, tank_env()])
+def test_an_environment_and_a_controller_make_an_experiment(source):
+    env = gym.make(
+        ID,
+        space=SPACE,
+        run=ClosedLoop(source, pi_of, lambda e: {"final": float(e.x[-1, 0])}),
+        score=lambda e: e.duration,
+    )
+    env.reset()
+    _, reward, *_, info = env.step(np.array([0.0, 0.0]))
+    e = info["experiment"]
+    assert e == rollout(tank_env(), pi_of(info["theta"]), info["theta"], kpis=lambda _: e.kpis)
+    assert e.end is End.SETTLED
+    assert e.kpis["final"] == pytest.approx(2.0, abs=0.01)
+    assert reward == -e.duration
+
+
+def test_the_environment_may_be_an_id():
+    class Constant:
+        T_s = 1.0
+
+        def __init__(self, theta):
+            self.u = theta
+
+        def move(self, m):
+            return prefcal_env.Move(self.u)
+
+    space = KnobSpace([Knob("T_c", 284, 310, "K")])
+    env = gym.make(ID, space=space, run=ClosedLoop("prefcal/CSTR-v0", Constant))
+    env.reset()
+    e = env.step(np.array([0.0]))[4]["experiment"]
+    assert np.all(e.u == 297.0)
+    assert e.channels.time_unit == "h"
+
+
+def test_a_run_alone_is_enough():
+    env = gym.make(ID, space=SPACE, run=lambda theta, seed: short_run(theta))
+    env.reset()
+    assert env.step(np.zeros(2))[4]["experiment"] == short_run([1.05, 0.5])
+
+
+@pytest.mark.parametrize("parts", [(3, pi_of), (tank_env, 3)])
+def test_what_is_neither_environment_nor_factory_is_refused(parts):
+    with pytest.raises(SettingsError, match="got 3"):
+        ClosedLoop(*parts)
+
+
+def test_the_last_experiment_is_drawn():
+    env = gym.make(
+        ID, space=SPACE, run=ClosedLoop(PlantEnv(TANK, tank_task()), pi_of), render_mode="rgb_array"
+    )
+    env.reset()
+    blank = env.render()
+    env.step(np.zeros(2))
+    drawn = env.render()
+    assert blank.dtype == drawn.dtype == np.uint8
+    assert drawn.shape == blank.shape  # of one size, for videos
+    assert drawn.std() > blank.std()
+
+
+PLANT = Plant.of(([1.0], [1.0, 3.0, 3.0, 1.0]))
+TASK = Task(np.zeros(3), np.zeros(1), np.ones(1), horizon=10.0)
+
+
+def run(jitter, seed=0):
+    env = PlantEnv(PLANT, replace(TASK, jitter=jitter))
+    return ClosedLoop(env, lambda theta: PID(theta[0], 3.0, T_s=0.1))(np.array([2.0]), seed=seed)
+
+
+def test_instants_stay_near_their_times():
+    made, regular = run(0.2), run(0.0)
+    assert regular.t_control == pytest.approx(0.1 * np.arange(100))
+    away = made.t_control[1:100] / 0.1 - np.arange(1, 100)
+    assert set(np.round(away, 9)) == {-0.2, 0.0, 0.2}
+    assert np.diff(made.t).min() > 0
+    assert made.t[-1] >= 10.0
+    assert made.output(0)[-1] == pytest.approx(regular.output(0)[-1], abs=0.02)
+
+
+def test_they_follow_from_the_seed():
+    assert np.array_equal(run(0.2, 1).t_control, run(0.2, 1).t_control)
+    assert not np.array_equal(run(0.2, 1).t_control, run(0.2, 2).t_control)
+
+
+@pytest.mark.parametrize("jitter", [-0.1, 0.5, np.nan])
+def test_a_period_keeps_its_place(jitter):
+    with pytest.raises(SettingsError, match="jitter must be"):
+        replace(TASK, jitter=jitter)

@@ -1,13 +1,27 @@
-"""Scenarios of TOML files, and what is said of a file that is wrong."""
+"""Scenarios of TOML files, what is said of a wrong one, and the controllers that they name."""
 
 import os
+import sys
 
 import numpy as np
 import pytest
 
+from prefcal_env import Move
+from prefcal_env.controllers import as_data
+from prefcal_env.controllers.stored import KINDS, storable
 from prefcal_env.errors import ScenarioError, SettingsError, StudyError
+from prefcal_env.knobs import Knob
+from prefcal_scenarios import names
 from prefcal_scenarios.catalog import load
-from prefcal_scenarios.described.description import resumed_source, words_of, words_to_resume
+from prefcal_scenarios.described import description, making
+from prefcal_scenarios.described.description import (
+    knob_of,
+    listed,
+    named_numbers,
+    resumed_source,
+    words_of,
+    words_to_resume,
+)
 from prefcal_scenarios.described.making import plant_at
 from prefcal_scenarios.names import is_own
 
@@ -230,3 +244,84 @@ def test_margins_can_be_limits_of_a_pid(tmp_path):
     assert 40 < run.kpis["phase_margin"] < 50
     assert run.kpis["M_s"] == without.run(theta).kpis["M_s"]
     assert "phase_margin" not in without.run(theta).kpis
+
+
+@pytest.mark.parametrize(
+    ("text", "knob"),
+    [
+        ("K_p=0.1:100:log", Knob("K_p", 0.1, 100, scale="log10")),
+        ("T_i=1:60 s", Knob("T_i", 1, 60, "s")),
+        ("T_i = 1:60 [s]", Knob("T_i", 1, 60, "s")),
+        ("K=0.1:100:log %/(K min)", Knob("K", 0.1, 100, "%/(K min)", scale="log10")),
+        ("N=3:40:int", Knob("N", 3, 40, integer=True)),
+        ("N=1:100:log:int steps", Knob("N", 1, 100, "steps", scale="log10", integer=True)),
+        ("pid.K[1]=-5:-1e-1", Knob("pid.K[1]", -5, -0.1)),
+    ],
+)
+def test_a_knob_is_read(text, knob):
+    assert knob_of(text) == knob
+
+
+@pytest.mark.parametrize("text", ["K_p", "=1:2", "K_p=", "K_p=1", "K_p=1:b", "K_p=1:2:lin", "K=:"])
+def test_a_knob_that_is_misspelled_is_refused_with_an_example(text):
+    with pytest.raises(ScenarioError, match=r"LOW:HIGH.*K_p=0\.1:100:log %/m"):
+        knob_of(text)
+
+
+def test_names_are_split_at_commas_but_not_inside_of_brackets():
+    assert listed(["level, valve", "A[1,2]"]) == ["level", "valve", "A[1,2]"]
+
+
+def test_references_are_read():
+    assert named_numbers(["level=2", "flow=0.5, T = -3"], "--reference") == {
+        "level": 2.0,
+        "flow": 0.5,
+        "T": -3.0,
+    }
+
+
+@pytest.mark.parametrize("text", ["level", "level=", "=2", "level=high", "level=nan"])
+def test_a_reference_that_is_misspelled_is_refused_with_an_example(text):
+    with pytest.raises(ScenarioError, match="--reference level=2, or, for an FMU"):
+        named_numbers([text], "--reference")
+
+
+@pytest.mark.parametrize(("word", "kind"), names.CONTROLLERS.items())
+def test_every_standard_controller_has_a_scenario_and_a_stored_form(word, kind):
+    assert making._maker(word).__name__ == f"{word}_scenario"
+    assert kind in KINDS
+
+
+def test_messages_name_every_standard_controller():
+    assert names.either(["pid"]) == "pid"
+    assert names.either(["pid", "lqr", "smith"]) == "pid, lqr or smith"
+    assert all(f'"{word}"' in description._CONTROLLER for word in names.CONTROLLERS)
+
+
+class Switch:
+    """A controller on or off at r, which another package could add."""
+
+    def __init__(self, high):
+        self.high, self.T_s = high, 1.0
+
+    def move(self, measurement):
+        return Move(np.array([self.high * (measurement.y_ref[0] > measurement.y[0])]))
+
+    def as_data(self):
+        return {"high": self.high}
+
+    @classmethod
+    def of_data(cls, data):
+        return cls(**data)
+
+
+def test_a_controller_of_another_file_is_stored_once_its_row_is_there(monkeypatch):
+    monkeypatch.delitem(KINDS, "Switch", raising=False)
+    assert making.controller_of({"controller": "Switch", "high": 5.0}) is None
+    monkeypatch.setattr(making, "CONTROLLERS", {**names.CONTROLLERS, "switch": "Switch"})
+    monkeypatch.setattr(making, "import_module", lambda name: storable(Switch) and sys.modules[__name__])
+    monkeypatch.setattr(sys.modules[__name__], "switch_scenario", Switch, raising=False)
+    made = making.controller_of({"controller": "Switch", "high": 5.0})
+    assert made.high == 5.0
+    assert as_data(made) == {"controller": "Switch", "high": 5.0}
+    monkeypatch.delitem(KINDS, "Switch")

@@ -5,12 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from contracts.sources import source_contract
 from prefcal_env import End, Knob
 from prefcal_env.errors import KnobError, LiveError, ScenarioError, SettingsError
 from prefcal_env.sources import Stage
 from prefcal_env.tables.recorded import bridged
 from prefcal_env.worlds.live import Journal, LiveKnob, LiveStart, Tag
-from worlds.live.memory import Memory, memory_rig
+from worlds.live.memory import Memory, memory_rig, simulate_time
+from worlds.live.sessions import simulated_sessions
 
 THETA = np.array([4.0, 20.0])
 OLD = {"kp": 1.0, "ti": 10.0, "sp": 1.0}
@@ -396,3 +398,57 @@ def test_a_value_that_was_never_good_is_not_made_up(tmp_path):
     assert experiment.end is End.TIME_UP
     assert np.isnan(experiment.y_ref).all()
     assert np.isfinite(experiment.y).all()
+
+
+def test_random_sessions_keep_every_promise():
+    outcomes = simulated_sessions.run(300)
+    assert sum(outcomes.values()) == 300
+    assert {"killed", "time is up", "failed, lost", "unsafe"} <= set(outcomes)
+
+
+def test_the_check_sees_a_write_that_is_too_fast(monkeypatch):
+    from prefcal_env.worlds.live.plan import LiveKnob
+
+    monkeypatch.setattr(LiveKnob, "step", lambda self, elapsed, period: 1e9)
+    with pytest.raises(simulated_sessions.Broken, match="is faster than"):
+        simulated_sessions.run(20)
+
+
+def test_a_real_server_that_loses_its_connection_gets_its_old_values_back():
+    pytest.importorskip("asyncua")
+    from worlds.live.sessions import server_sessions
+
+    found = server_sessions.run(60.0, most=4)
+    assert found.ends.total() == 4
+    assert found.writes
+    assert found.broken == []
+
+
+def test_the_check_of_a_real_server_sees_a_fast_write_and_a_late_restoration(monkeypatch):
+    pytest.importorskip("asyncua")
+    from prefcal_env.worlds.live.drive import Drive
+    from prefcal_env.worlds.live.plan import LiveKnob
+    from worlds.live.sessions import server_sessions
+
+    with monkeypatch.context() as changed:
+        changed.setattr(LiveKnob, "step", lambda self, elapsed, period: 1e9)
+        found = server_sessions.run(10.0, most=6)
+        assert any("is faster than" in words for words in found.broken)
+    moved, calls = Drive._moved_to, []
+
+    def late(self, targets):
+        if not self.plant.connected:
+            calls.clear()
+        calls.append(self.writer.read() if self.plant.connected else None)
+        return moved(self, targets) if not self.plant.connected or len(calls) > 6 else False
+
+    monkeypatch.setattr(Drive, "_moved_to", late)
+    found = server_sessions.run(10.0, most=12, first=7)
+    assert any("idle samples" in words for words in found.broken)
+
+
+@source_contract
+def test_live_plant(clause, tmp_path, monkeypatch):
+    plant = Memory()
+    simulate_time(plant, monkeypatch)
+    clause(memory_rig(plant, tmp_path), np.array([2.0, 20.0]))

@@ -1,17 +1,23 @@
-"""The overtaking: section IV-B, exact in time, and it ends for a stated reason."""
+"""The overtaking: section IV-B, exact in time, with its rules and its scenes in plain data."""
 
+import json
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from prefcal_env.envs.overtake import Course, Mishap, OvertakeEnv
+from prefcal_env.envs.closed_loop import rollout
+from prefcal_env.envs.overtake import Course, Mishap, OvertakeEnv, OvertakeOptions
+from prefcal_env.envs.overtake.scene import DRIVERS, Phase, beside, clearance, gap, next_phase, paper_scene
 from prefcal_env.errors import PlantError, ProtocolError, SettingsError
 from prefcal_env.experiments.experiment import End
 from prefcal_env.plants.bicycle import KMH
+from prefcal_scenarios.cases.overtake import compute_kpis
+from prefcal_scenarios.cases.overtake.controller import STEERING_LIMITS, controller
 
 sampling_times = st.floats(0.085, 0.5)
 LEFT = {"x0": (0.0, 3.0, 0.0)}
@@ -181,3 +187,128 @@ def test_an_experiment_in_the_papers_scene_loads_neither_highway_env_nor_pygame(
     program = f"import sys; sys.path[:0] = {sys.path!r}\n{code}"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"
+
+
+BEFORE = np.load(Path(__file__).parent / "before.npz")
+NAMES = ("paper_step", "slow_step")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_same_inputs_drive_the_same_way(name):
+    driven = Course()
+    driven.reset(options={"T_s": BEFORE[f"{name}.theta"][0]})
+    for u in BEFORE[f"{name}.u_control"]:
+        driven.apply(u)
+    record = driven.record()
+    for what, now in [("t", record.t), ("x", record.x), *record.signals.items()]:
+        if f"{name}.{what}" in BEFORE:
+            np.testing.assert_allclose(now[::9], BEFORE[f"{name}.{what}"], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_experiment_has_the_same_indicators(name):
+    theta = BEFORE[f"{name}.theta"]
+    driver = controller(theta, STEERING_LIMITS["per step"])
+    e = rollout(Course(), driver, theta, kpis=compute_kpis)
+    np.testing.assert_allclose(list(e.kpis.values()), BEFORE[f"{name}.kpis"], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(e.x[::9], BEFORE[f"{name}.x"], rtol=0, atol=1e-9)
+
+
+KEEP, PASS = Phase.LANE_KEEPING, Phase.OVERTAKING
+positions = st.floats(-200, 200)
+
+
+def at(*x: float, y: float = 0.0) -> np.ndarray:
+    return np.array([(x_o, y, 11.0) for x_o in x]).reshape(-1, 3)
+
+
+def test_gap_and_clearance_are_between_the_bodies():
+    assert gap(0.0, 30.0) == 25.5
+    assert clearance(30.0, 0.0) == 25.5
+    assert gap(10.0, np.array([30.0, 40.0])).tolist() == [15.5, 25.5]
+
+
+@pytest.mark.parametrize(
+    ("before", "x_f", "after"),
+    [
+        (KEEP, 0.0, KEEP),
+        (KEEP, 15.5, KEEP),  # gap 10
+        (KEEP, 15.6, PASS),
+        (KEEP, 25.5, KEEP),  # gap 0
+        (PASS, 15.0, PASS),  # fell back: it is not passed yet
+        (PASS, 30.0, PASS),
+        (PASS, 44.5, PASS),  # clearance 10
+        (PASS, 44.6, KEEP),
+    ],
+)
+def test_the_paper_overtakes_from_10_m_behind_to_10_m_ahead(before, x_f, after):
+    assert next_phase(before, x_f, at(30.0)) is after
+
+
+def test_on_an_empty_road_the_lane_is_kept():
+    assert next_phase(KEEP, 0.0, at()) is KEEP
+    assert next_phase(PASS, 0.0, at()) is KEEP
+
+
+def test_a_second_obstacle_is_overtaken_in_its_turn():
+    assert next_phase(PASS, 45.0, at(30.0, 200.0)) is KEEP
+    assert next_phase(KEEP, 190.0, at(30.0, 200.0)) is PASS
+    assert next_phase(PASS, 45.0, at(30.0, 55.0)) is PASS  # gap 5.5 to the second
+
+
+def test_who_drives_in_the_left_lane_is_not_overtaken():
+    assert next_phase(KEEP, 20.0, at(30.0, y=4.0)) is KEEP
+    assert len(beside(20.0, at(30.0, y=4.0))) == 0
+
+
+@given(phase=st.sampled_from(Phase), x_f=positions, x_o=st.lists(positions, max_size=4))
+def test_the_order_of_obstacles_does_not_matter(phase, x_f, x_o):
+    assert next_phase(phase, x_f, at(*x_o)) is next_phase(phase, x_f, at(*reversed(x_o)))
+
+
+@given(x_f=positions, x_o=positions)
+def test_one_obstacle_beside_means_overtaking_goes_on(x_f, x_o):
+    if len(beside(x_f, at(x_o))):
+        assert next_phase(PASS, x_f, at(x_o)) is PASS
+
+
+def test_a_scene_is_plain_data():
+    scene = {"lanes_count": 3, "vehicles_count": 2, "duration": 20, "x0": [1, 0, 0]}
+    options = OvertakeOptions.of(json.loads(json.dumps(scene)))
+    assert options == OvertakeOptions((1, 0, 0), 20, lanes_count=3, vehicles_count=2)
+    assert options.other_vehicles_type == DRIVERS[0]
+
+
+def test_the_papers_scene_is_the_default():
+    assert OvertakeOptions.of(json.loads(json.dumps(paper_scene()))) == OvertakeOptions()
+    assert OvertakeOptions.of({}) == OvertakeOptions()
+
+
+def test_the_road_is_as_wide_as_its_lanes():
+    assert OvertakeOptions().road == (-2, 6)
+    assert OvertakeOptions(lanes_count=4).road == (-2, 14)
+
+
+@pytest.mark.parametrize(
+    ("scene", "says"),
+    [
+        ({"lanes": 2}, "unknown keys \\['lanes'\\]"),
+        ({"lanes_count": 0}, "lanes_count"),
+        ({"lanes_count": True}, "lanes_count"),
+        ({"duration": 0}, "duration"),
+        ({"vehicles_count": -1}, "vehicles_count"),
+        ({"vehicles_count": 1.5}, "vehicles_count"),
+        ({"vehicles_density": 0}, "vehicles_density"),
+        ({"simulation_frequency": "fast"}, "simulation_frequency"),
+        ({"other_vehicles_type": "os.system"}, "other_vehicles_type"),
+        ({"other_vehicles_type": ["IDMVehicle"]}, "other_vehicles_type"),
+    ],
+)
+def test_what_cannot_be_is_refused_by_name(scene, says):
+    with pytest.raises(SettingsError, match=says):
+        OvertakeOptions.of(scene)
+
+
+def test_a_start_that_is_no_pose_is_refused():
+    with pytest.raises(PlantError, match="x0"):
+        OvertakeOptions.of({"x0": [0, 0]})

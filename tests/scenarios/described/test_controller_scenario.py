@@ -1,0 +1,343 @@
+"""Scenarios of standard controllers: PID and LQR."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from prefcal_app import load_controller
+from prefcal_env import LQG, LQR, Channel, End, FunctionPlant, Knob, Move, PlantEnv, Task, rollout
+from prefcal_env.controllers import as_data
+from prefcal_env.errors import ScenarioError
+from prefcal_env.plants.plant import Plant
+from prefcal_env.plants.systems import system_of
+from prefcal_scenarios.described.design import process_of
+from prefcal_scenarios.described.lqr_scenario import lqr_scenario
+from prefcal_scenarios.described.pid_scenario import pid_scenario
+
+VALVE = Channel("valve", "%", 0, 100)
+PLANTS = {
+    "lag with dead time": Plant.of(([0.8], [20, 1]), delay=6.0, inputs=[VALVE], outputs=["T"]),
+    "dead time": Plant.of(([1.0], [0.1, 1]), delay=5.0),
+    "integrator": Plant.of(([0.05], [1, 0]), delay=2.0),
+    "double lag": Plant.of(([1.0], [1, 2, 1])),
+    "oscillating": Plant.of(([1.0], [1, 0.2, 1])),
+    "unstable": Plant.of(([1.0], [5, -1]), delay=0.4),
+    "non-minimum phase": Plant.of(([-1.0, 1.0], [1, 3, 3, 1])),
+    "negative gain": Plant.of(([-2.0], [10, 1]), delay=1.0),
+}
+
+
+@pytest.mark.parametrize("name", PLANTS)
+def test_the_middle_of_the_ranges_is_stable_and_random_tunings_are_often_sane(name):
+    scenario = pid_scenario(PLANTS[name])
+    space = scenario.space
+    middle = scenario.run(space.decode(np.full(len(space), 0.5)))
+    assert middle.end is End.TIME_UP
+    assert middle.kpis["M_s"] < 3
+    assert np.isfinite(middle.kpis["settling_time"])
+    drawn = np.random.default_rng(0).random((200, len(space)))
+    measure = scenario.run.kpis
+    stable = [np.isfinite(measure.laws.sensitivity(space.decode(z))) for z in drawn]
+    assert np.mean(stable) >= 0.4
+    ended = [scenario.run(space.decode(z)).kpis for z in drawn[:20]]
+    good = [k.get("settling_time", np.inf) + k.get("recovery", np.inf) < np.inf for k in ended]
+    assert np.mean(good) >= 0.2
+
+
+@pytest.mark.parametrize("name", ["lag with dead time", "integrator", "non-minimum phase"])
+def test_the_ranges_hold_the_tunings_of_known_rules(name):
+    scenario = pid_scenario(PLANTS[name])
+    assert {"SIMC", "Ziegler-Nichols", "robust"} <= set(scenario.references)
+    for theta in scenario.references.values():
+        inside = scenario.space.encode(theta)[:2]
+        assert np.all((inside > 0) & (inside < 1))
+
+
+def test_a_sensitivity_peak_above_2_misses_an_objective():
+    scenario = pid_scenario(PLANTS["lag with dead time"])
+    peak = scenario.kpis[-1]
+    assert (peak.name, peak.at_most, peak.goal) == ("M_s", 2.0, "lower")
+    middle = scenario.references["robust"]
+    assert peak.met_by(scenario.run(middle))
+    assert peak.met_by(scenario.run(middle * [2, 1, 1, 1])) is False
+
+
+def test_a_plant_that_allows_no_robust_tuning_has_no_such_objective():
+    hard = pid_scenario(Plant.of(([1.0], [5, -1]), delay=2.0))
+    peak = hard.kpis[-1]
+    assert hard.run(hard.references["robust"]).kpis["M_s"] > 2
+    assert (peak.name, peak.at_most) == ("M_s", np.inf)
+
+
+def test_the_total_move_counts_the_first_move_away_from_rest():
+    scenario = pid_scenario(PLANTS["lag with dead time"])
+    theta = scenario.space.decode(np.full(len(scenario.space), 0.5))
+    made = scenario.run(theta)
+    rest = scenario.run.kpis.design.point.u[0]
+    moved = np.abs(np.diff([rest, *made.u_control[:, 0]]))
+    assert moved[0] > 1
+    assert np.isclose(made.kpis["total_move"], moved.sum())
+
+
+def test_a_direct_and_a_reversed_plant_are_controlled_in_their_directions():
+    theta = np.array([1.0, 5.0, 0.0, 1.0])
+    for name, sign in (("lag with dead time", 1), ("negative gain", -1)):
+        assert np.sign(pid_scenario(PLANTS[name]).controller(theta).parameters["K_p"]) == sign
+
+
+def test_a_tank_starts_at_rest_inside_its_limits():
+    tank = FunctionPlant(
+        lambda x, u, d: [0.02 * u[0] - 0.1 * np.sqrt(np.maximum(x[0], 0))],
+        states=[Channel("level", "m", 0, 10)],
+        inputs=[VALVE],
+    )
+    e = pid_scenario(tank, reference={"level": 5.0}).run(np.array([10.0, 10.0, 0.1, 1.0]))
+    assert 0 < e.x[0, 0] < 10
+    assert e.y_ref[0, 0] == 5.0
+
+
+def test_two_outputs_get_two_paired_loops():
+    A, B = np.diag([-1.0, -0.5]), np.array([[0.2, 1.0], [1.0, 0.1]])
+    scenario = pid_scenario(Plant.of((A, B, np.eye(2), np.zeros((2, 2)))))
+    assert scenario.space.names[:5] == ("K_p_1", "T_i_1", "T_d_1", "b_1", "K_p_2")
+    made = scenario.controller(scenario.references["robust"])
+    assert [(p.output, p.input) for p in made.pids] == [(0, 1), (1, 0)]
+    e = scenario.run(scenario.references["robust"])
+    assert e.end is End.TIME_UP
+    assert {kpi.name for kpi in scenario.kpis} <= set(e.kpis)
+
+
+@pytest.mark.parametrize(
+    ("num", "den"),
+    [
+        ([1], [1, 0]),  # a sample of dead time
+        ([0.5, 0.5], [1, 0]),  # a mean of two samples
+        ([0.5], [1, 0.5]),  # alternates
+        ([0.1], [1, -1, 0]),  # integrates, a sample late
+        ([0.005, 0.005], [1, -2, 1]),  # a double integrator
+    ],
+)
+def test_a_discrete_plant_without_a_continuous_equivalent_is_controlled(num, den):
+    scenario = pid_scenario(Plant.of(signal.dlti(num, den, dt=0.5)))
+    kpis = scenario.run(scenario.references["robust"]).kpis
+    assert kpis["M_s"] < 1.7
+    assert np.isfinite([kpis["settling_time"], kpis["recovery"]]).all()
+
+
+def test_a_sampled_double_integrator_is_tuned_as_the_continuous_one():
+    A, B = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]])
+    C, D = np.array([[1.0, 0.0]]), np.zeros((1, 1))
+    exact = signal.cont2discrete((A, B, C, D), 0.1)
+    for system in ((*exact[:4], 0.1), signal.dlti([0.005, 0.005], [1, -2, 1], dt=0.1)):
+        found = process_of(system_of(system))
+        assert (found.integrators, found.lags) == (2, ())
+        assert found.gain == pytest.approx(1.0, rel=0.01)
+        scenario = pid_scenario(Plant.of(system))
+        K_p = scenario.space.knobs[0]
+        assert 0.01 < K_p.low < K_p.high < 100
+        assert scenario.references["robust"][0] == pytest.approx(np.sqrt(K_p.low * K_p.high), rel=1.0)
+        assert scenario.controller(scenario.references["robust"]).T_s < 1.0
+
+
+def test_a_sampled_triple_integrator_integrates_three_times():
+    found = process_of(system_of(signal.dlti([1e-3], [1, -3, 3, -1], dt=0.1)))
+    assert (found.integrators, found.lags) == (3, ())
+
+
+@pytest.mark.parametrize("lags", [(5.0, 2.0), (5.0, 3.0, 2.0)])
+def test_a_forward_euler_model_keeps_its_lags(lags):
+    dt, poles = 0.1, [1 - 0.1 / lag for lag in lags]
+    model = signal.dlti([np.prod([dt / lag for lag in lags])], np.poly(poles), dt=dt)
+    found = process_of(system_of(model))
+    assert found.lags == pytest.approx([-dt / np.log(p) for p in poles])
+    assert found.delay == 0.0
+    assert found.gain == pytest.approx(1.0, rel=1e-3)
+
+
+def test_only_poles_at_0_are_dead_time():
+    found = process_of(system_of(signal.dlti([0.002], np.poly([0.98, 0.95, 0, 0]), dt=0.1)))
+    assert found.lags == pytest.approx([-0.1 / np.log(0.98), -0.1 / np.log(0.95)])
+    assert found.delay == pytest.approx(0.2)
+
+
+def test_poles_at_0_are_tuned_as_the_dead_time_that_they_are():
+    late = Plant.of(signal.dlti([0.1], [1, -0.9, 0, 0, 0], dt=0.5))
+    delayed = Plant.of(signal.dlti([0.1], [1, -0.9], dt=0.5), delay=1.5)
+    found, expected = pid_scenario(late), pid_scenario(delayed)
+    assert found.references.keys() == expected.references.keys() >= {"SIMC", "Ziegler-Nichols"}
+    for name, theta in expected.references.items():
+        assert np.allclose(found.references[name], theta)
+    # A sampled first-order lag is tuned as the lag that it samples.
+    lag = pid_scenario(Plant.of(([1.0], [-0.5 / np.log(0.9), 1]), delay=1.5))
+    assert np.allclose(lag.references["SIMC"][0], expected.references["SIMC"][0], rtol=0.3)
+
+
+def test_a_column_with_a_dead_time_for_each_entry_is_tuned():
+    entries = [[([12.8], [16.7, 1]), ([-18.9], [21.0, 1])], [([6.6], [10.9, 1]), ([-19.4], [14.4, 1])]]
+    column = Plant.of(entries, delay=[[1.0, 3.0], [7.0, 3.0]])
+    scenario = pid_scenario(column)
+    robust = scenario.run(scenario.references["robust"]).kpis
+    assert np.isfinite(list(robust.values())).all()
+    # The linear model of the KPI M_s is the plant that is simulated.
+    model = scenario.run.kpis.laws.plant
+    T_s = model.dt
+    states, y = np.zeros(len(model.A)), []
+    for _ in range(30):
+        y.append(model.C @ states)
+        states = model.A @ states + model.B @ np.ones(2)
+    task = Task(x0=column.x0, u0=np.zeros(2), y_ref=np.zeros(2), horizon=29 * T_s, dense_step=T_s)
+    held = type("Held", (), {"T_s": T_s, "move": lambda _, m: Move(np.ones(2))})()
+    assert np.allclose(rollout(PlantEnv(column, task), held, np.ones(1)).y, y)
+
+
+@pytest.mark.parametrize("delay", [0.0, 1.0])
+def test_a_pure_gain_with_limits_is_controlled(delay):
+    scenario = pid_scenario(Plant.of(2.0, inputs=[VALVE], delay=delay))
+    kpis = scenario.run(scenario.references["robust"]).kpis
+    assert kpis["M_s"] < 1.7
+    assert np.isfinite([kpis["settling_time"], kpis["recovery"]]).all()
+    assert scenario.references["robust"][0] > 0
+
+
+def test_own_knobs_and_horizon_replace_what_is_found():
+    plant = PLANTS["double lag"]
+    scenario = pid_scenario(plant, knobs=[Knob("K_p", 1, 5)], horizon=30.0, title="Mine")
+    assert (scenario.space.knobs[0].low, scenario.space.knobs[0].high) == (1, 5)
+    assert scenario.run(np.array([2.0, 1.0, 0.1, 1.0])).duration == pytest.approx(30.0, abs=0.1)
+    assert scenario.title == "Mine"
+    assert scenario.run.kpis.design.loops[0].load > 0  # also in a given time a load acts
+
+
+def test_a_file_with_an_lqg_is_loaded_without_the_plant(tmp_path):
+    lqr = LQR(PLANTS["double lag"], [1.0, 1.0], [0.5], T_s=0.1, integral=["y"], Q_i=[2.0])
+    data = as_data(LQG(lqr, [0.1], [0.1, 0.2]))
+    path = tmp_path / "best.json"
+    content = {"format": 1, "scenario": "gone.py:plant", "theta": {}, "settings": data}
+    path.write_text(json.dumps(content))
+    assert as_data(load_controller(path)) == data
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"reference": {"levle": 1.0}}, "no output of plant"),
+        ({"reference": {"y": 0.0}}, "is where the experiment"),
+        ({"knobs": [Knob("K", 1, 2)]}, "no knob of this PID"),
+        ({"horizon": -1.0}, "horizon must be above 0"),
+    ],
+)
+def test_what_does_not_fit_is_refused(wrong, said):
+    with pytest.raises(ScenarioError, match=said):
+        pid_scenario(PLANTS["double lag"], **wrong)
+
+
+def test_a_run_that_had_not_arrived_when_the_load_came_never_recovers():
+    # The load pushes the output up: without this, the slower the loop, the sooner it "recovered".
+    scenario = pid_scenario(PLANTS["lag with dead time"])
+    knobs = {knob.name: knob for knob in scenario.space.knobs}
+    slow = [knobs["K_p"].low, knobs["T_i"].high, 0.0, 0.0]
+    run = scenario.run(np.array(slow))
+    schedule = scenario.run.kpis.design
+    before = run.output(0)[run.t < schedule.phase][-1]
+    assert abs(before - schedule.loops[0].target) > 0.05 * abs(before - schedule.loops[0].start)
+    assert run.kpis["settling_time"] == run.kpis["recovery"] == np.inf
+    assert np.isfinite(scenario.run(scenario.references["robust"]).kpis["recovery"])
+
+
+def test_the_brief_says_what_was_chosen():
+    scenario = pid_scenario(PLANTS["lag with dead time"])
+    design = scenario.run.kpis.design
+    assert f"The controller moves every {design.T_s:g} s." in scenario.brief
+    assert "on a load acts: " in scenario.brief
+
+
+TORQUE = Channel("torque", "N m", -8, 8)
+PENDULUM = FunctionPlant(
+    lambda x, u, d: [x[1], 9.81 * np.sin(x[0]) - 0.1 * x[1] + u[0]],
+    lambda x, u, d: [x[0]],
+    states=[Channel("angle", "rad"), Channel("speed", "rad/s")],
+    inputs=[TORQUE],
+    outputs=[Channel("angle", "rad")],
+)
+LQR_PLANTS = {
+    "lag with dead time": Plant.of(([0.8], [20, 1]), delay=6.0, inputs=[Channel("u", "%", 0, 100)]),
+    "triple integrator": Plant.of(([1.0], [1, 0, 0, 0]), inputs=[Channel("u", "", -1, 1)]),
+    "unstable": PENDULUM,
+    "coupled, with dead times": Plant.of(
+        (-np.diag([0.1, 0.2]), [[1, 0.3], [0.2, 0.5]], np.eye(2), np.zeros((2, 2))),
+        delay=[1.0, 0.5],
+        output_delay=[0.0, 0.3],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", LQR_PLANTS)
+def test_the_middle_settles_and_random_weights_are_often_stable(name):
+    scenario = lqr_scenario(LQR_PLANTS[name])
+    found = scenario.run(scenario.references["robust"])
+    assert found.end is End.TIME_UP
+    assert np.isfinite(list(found.kpis.values())).all()
+    assert found.kpis["M_s"] <= 2
+    drawn = np.random.default_rng(0).random((12, len(scenario.space)))
+    kpis = [scenario.run(scenario.space.decode(z)).kpis for z in drawn]
+    assert np.mean([np.isfinite(k["M_s"]) for k in kpis]) >= 0.7
+    assert np.mean([np.isfinite(list(k.values())).all() for k in kpis]) >= 0.3
+
+
+@pytest.mark.parametrize("form", ["state space", "transfer function"])
+def test_a_sampled_double_integrator_is_controlled(form):
+    A, B = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]])
+    exact = signal.cont2discrete((A, B, np.array([[1.0, 0.0]]), np.zeros((1, 1))), 0.1)
+    system = exact if form == "state space" else signal.dlti([0.005, 0.005], [1, -2, 1], dt=0.1)
+    scenario = lqr_scenario(Plant.of(system))
+    found = scenario.run(scenario.references["robust"])
+    assert found.kpis["M_s"] <= 2
+    assert np.isfinite(list(found.kpis.values())).all()
+
+
+def test_a_plant_without_states_is_refused_with_a_way_out():
+    with pytest.raises(ScenarioError, match=r"has no states.*tune a PID"):
+        lqr_scenario(Plant.of(2.0, inputs=[Channel("u", "%", 0, 100)]))
+
+
+def test_a_larger_weight_of_the_integrated_error_recovers_sooner():
+    scenario = lqr_scenario(PENDULUM)
+    Q_y, Q_i = scenario.references["robust"]
+    slow, fast = (scenario.run(np.array([Q_y, Q_i * k])).kpis["recovery"] for k in (0.05, 1))
+    assert fast < slow
+
+
+def test_the_linear_loop_of_the_sensitivity_is_the_one_that_is_simulated():
+    scenario = lqr_scenario(LQR_PLANTS["coupled, with dead times"])
+    theta, loop = scenario.references["robust"], scenario.run.kpis.laws
+    run = scenario.run(theta)
+    M, drive, y, _ = loop._loop(loop.make(theta))
+    d = loop.design
+    x, n = np.zeros(len(M)), round(d.phase / d.T_s)
+    outputs = []
+    for _ in range(n):
+        outputs.append(y @ x)
+        x = M @ x + drive[0][:, 0]
+    step = d.loops[0].target - d.loops[0].start
+    assert np.allclose(run.y[:n, 0] - d.loops[0].start, step * np.array(outputs)[:, 0], atol=1e-6)
+
+
+def test_own_knobs_replace_those_found_and_others_are_refused():
+    scenario = lqr_scenario(PENDULUM, knobs=[Knob("Q_y", 1, 5)], reference={"angle": 0.3})
+    assert next((k.low, k.high) for k in scenario.space) == (1, 5)
+    with pytest.raises(ScenarioError, match="no knob of this LQR is called 'K_p'"):
+        lqr_scenario(PENDULUM, knobs=[Knob("K_p", 1, 5)])
+
+
+@pytest.mark.parametrize(
+    ("plant", "said"),
+    [
+        (Plant.of(([[0.0]], [[1.0]], [[1.0]], [[0.0]], 0.5)), "no ẋ = f"),
+        (Plant.of(([1.0, 0.0], [1.0, 1.0])), "no LQR was found that settles"),
+    ],
+)
+def test_a_plant_that_no_lqr_controls_is_refused(plant, said):
+    with pytest.raises(ScenarioError, match=said):
+        lqr_scenario(plant)

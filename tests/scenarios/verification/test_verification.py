@@ -1,0 +1,433 @@
+"""What varies in a verification, what its runs share, and what is written of it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from prefcal_env import FunctionPlant, Knob, KnobSpace, Maneuvers, recorded
+from prefcal_env.controllers.margins import MarginKPIs, margins
+from prefcal_env.disk import digest_of
+from prefcal_env.errors import ScenarioError
+from prefcal_env.experiments.experiment import Channel, End, Measurement, Move
+from prefcal_env.plants.plant import Plant
+from prefcal_env.preferences.answer import Reading
+from prefcal_scenarios import KPI, Scenario, load
+from prefcal_scenarios.cases.loops.family import LOOPS
+from prefcal_scenarios.described.lqr_scenario import lqr_scenario
+from prefcal_scenarios.described.pid_scenario import pid_scenario
+from prefcal_scenarios.names import CLOSED_LOOPS
+from prefcal_scenarios.verification import verify
+from prefcal_scenarios.verification.loops import Designed, LawController, Worn
+from prefcal_scenarios.verification.plants import Factor, Scaled, factors_of, varied_plant
+from prefcal_scenarios.verification.result import BEST, FILE, Verified, VerifiedRun, WorstRun
+from prefcal_scenarios.verification.varied_runs import Perturbed, runs_kept
+from support.varied_loops import (
+    assert_it_starts_at_rest_where_the_study_does,
+    assert_without_a_variation_the_run_is_that_of_the_study,
+    found,
+    middle,
+    varied,
+)
+
+
+@pytest.mark.parametrize("name", CLOSED_LOOPS)
+def test_a_varied_loop_starts_at_rest_where_the_study_does(name):
+    assert_it_starts_at_rest_where_the_study_does(name)
+
+
+@pytest.mark.parametrize("name", ["lag", "servo", "cart-pole", "mpc-oscillatory"])
+def test_without_a_variation_the_run_is_that_of_the_study(name):
+    assert_without_a_variation_the_run_is_that_of_the_study(name)
+
+
+@pytest.mark.parametrize("name", ["cart-pole", "mpc-oscillatory"])
+def test_a_controller_is_designed_for_the_plant_of_the_study(name):
+    scenario, loop = load(name), LOOPS[name]()
+    factors = [f for f in found(scenario).factors if f.kind == "parameter"]
+    other = varied(name, {f.name: f.high for f in factors})
+    assert isinstance(other.controller, Designed)
+    assert other.plant.parameters != loop.plant.parameters
+    values = dict(zip(scenario.space.names, middle(scenario).tolist(), strict=True))
+    T_s = values.get("T_s", loop.task.T_s)
+    made = other.controller.make(values, other.plant, other.task, T_s)
+    own = loop.controller.make(values, loop.plant, loop.task, T_s)
+    if name == "cart-pole":
+        assert np.array_equal(made.rows, own.rows)
+    else:
+        assert made.estimator.model.plant == loop.plant
+
+
+def test_the_time_constants_of_matrices_vary_and_their_gains_but_no_definitions():
+    names = [f.name for f in found(load("oscillatory")).factors if f.kind == "parameter"]
+    assert names == ["time constant of speed", "time constant of actuator force", "gain of force"]
+    loop = LOOPS["lag"]()
+    slower = varied("lag", {"time constant of temperature": 1.1}).plant
+    A, B = (np.array(M) for M in (loop.plant.parameters.A, loop.plant.parameters.B))
+    assert np.array(slower.parameters.A)[0] == pytest.approx(A[0] / 1.1)
+    assert np.array_equal(np.array(slower.parameters.A)[1], A[1])
+    assert np.array_equal(np.array(slower.parameters.B)[1], B[1])
+
+
+def test_the_other_direction_is_left_out_where_the_nominal_plant_fails_too():
+    theta = middle(load("building"))
+    verified = verify("building", theta, 2, jobs=1)
+    assert "direction" in [f.name for f in found(load("building")).factors]
+    said = any("direction is not varied" in text for text in verified.left_out)
+    assert said != ("direction" in {f.name for f in verified.factors})
+
+
+def test_a_compiled_law_decides_as_a_controller_what_it_decides_in_its_loop():
+    for name in ("lag", "servo", "cart-pole"):
+        loop = LOOPS[name]()
+        loop.task.__dict__["noise"] = np.zeros(len(loop.plant.measured))
+        theta = middle(load(name))
+        values = dict(zip(loop.space.names, theta.tolist(), strict=True))
+        T_s = values.get("T_s", loop.task.T_s)
+        hold = max(round(T_s / loop.plant.max_step), 1)
+        gains = loop.controller.make(values, loop.plant, loop.task, hold * loop.plant.max_step)
+        law, run = LawController(gains, hold * loop.plant.max_step), loop.by_law(gains, hold, 0)
+        u = loop.task.u0
+        for k in range(0, 40 * hold, hold):
+            y, r = run.x[k, list(loop.plant.measured)], np.asarray(loop.target.start)
+            u = law.move(Measurement(0.0, run.x[k], u, np.zeros(1), r, y)).u
+            assert u == pytest.approx(run.u[k])
+
+
+HEATER = Plant.of(
+    ([0.8], [160.0, 28.0, 1.0]),
+    delay=6.0,
+    inputs=[Channel("valve", "%", 0, 100)],
+    outputs=[Channel("temperature", "°C")],
+    name="heater",
+)
+
+
+def test_a_pid_on_a_plant_of_ones_own_is_varied():
+    scenario = pid_scenario(HEATER)
+    theta, subject = scenario.references["robust"], found(scenario)
+    names = {f.name for f in subject.factors}
+    assert {"all time constants", "gain of valve", "dead time", "noise", "backlash"} <= names
+    same = subject.at({})(theta)
+    assert same.kpis == pytest.approx(dict(scenario.run(theta).kpis))
+    late = subject.at({"dead time": 12.0})(theta)
+    assert late.kpis["overshoot"] > same.kpis["overshoot"]
+    weak = subject.at({"gain of valve": 0.9})(theta)
+    assert weak.output(0)[0] == pytest.approx(same.output(0)[0])  # it rests at the same temperature
+    before = int(np.searchsorted(same.t, same.duration / 2)) - 2
+    assert weak.u[before] == pytest.approx(same.u[before] / 0.9, rel=0.01)
+    loaded = subject.at({"size of the load": 2.0})(theta)
+    assert loaded.kpis["disturbance_peak"] == pytest.approx(2 * same.kpis["disturbance_peak"], rel=0.2)
+    verified = verify(scenario, theta, 3, jobs=1)
+    assert len(verified.runs) == 3
+    assert verified.tuning.margins.phase > 40
+
+
+def test_equations_without_named_parameters_vary_in_speed_and_gain():
+    plant = FunctionPlant(
+        lambda x, u, d: [-x[0] + 2.0 * u[0]], states=[Channel("x", "m")], inputs=[Channel("u", "V", -9, 9)]
+    )
+    scaled = Scaled(plant, 2.0, np.array([3.0]), (0.0,))
+    x, u, d, t = np.array([1.0]), np.array([0.5]), np.zeros(0), np.array([0.3, 1.0])
+    exact = 3.0 + (1.0 - 3.0) * np.exp(-2.0 * t)
+    assert scaled.hold(x, u, d, t)[:, 0] == pytest.approx(exact, rel=1e-6)
+    assert scaled.f(x, u, d) == pytest.approx([2 * (-1.0 + 3.0)])
+    J = scaled.jacobians(x, u, d)
+    assert (J.A.item(), J.B.item()) == (pytest.approx(-2.0), pytest.approx(12.0))
+    names = [f.name for f in found(pid_scenario(plant)).factors]
+    assert names[:2] == ["all time constants", "gain of u"]
+
+
+def test_time_constants_of_matrices_vary_one_by_one_only_if_their_states_have_names():
+    def poles(plant, name):
+        made = varied_plant(plant, {name: 1.1})
+        return sorted(-1 / np.linalg.eigvals(made.jacobians(np.zeros(2), np.zeros(1), np.zeros(0)).A))
+
+    def names(plant):
+        return [f.name for f in factors_of(plant) if f.kind == "parameter"]
+
+    companion = Plant.of(([1.4], [360.0, 53.0, 1.0]))
+    assert names(companion) == ["all time constants", "gain of u"]
+    assert poles(companion, "all time constants") == pytest.approx([8.8, 49.5])
+    parts = [[-1 / 8, 0.0], [1 / 45, -1 / 45]], [[1 / 8], [0.0]], [[0.0, 1.4]], [[0.0]]
+    tanks = Plant.of(parts, states=["valve", "tank"])
+    assert names(tanks) == ["time constant of valve", "time constant of tank", "gain of u"]
+    assert poles(tanks, "time constant of tank") == pytest.approx([8.0, 49.5])
+    discrete = Plant.of((np.eye(1) / 2, np.eye(1), np.eye(1), np.zeros((1, 1)), 1.0))
+    assert names(discrete) == ["gain of u"]
+
+
+def test_worn_sensors_and_actuators():
+    class Echo:
+        T_s = 1.0
+
+        def move(self, m):
+            return Move(10.0 * m.y)
+
+    worn = Worn(Echo(), np.array([0.5]), np.array([1.0]), [Channel("u", "", -99, 99)])
+    u = np.zeros(1)
+    for y, expected in ((0.3, 4.0), (0.5, 4.0), (0.8, 9.0), (0.3, 6.0)):
+        u = worn.move(Measurement(0.0, np.zeros(1), u, np.zeros(0), np.zeros(1), np.array([y]))).u
+        assert u == pytest.approx([expected])
+
+
+def test_a_controller_sees_its_own_command_within_the_range_and_not_the_backlash():
+    class Listening:
+        T_s = 1.0
+
+        def __init__(self):
+            self.seen = []
+
+        def move(self, m):
+            self.seen += m.u.tolist()
+            return Move(m.y)
+
+    own = Listening()
+    worn = Worn(own, np.zeros(1), np.array([1.0]), [Channel("u", "", 0, 9)])
+    u = np.array([5.0])
+    for y in (7.0, 6.5, 20.0, 8.0):
+        u = worn.move(Measurement(0.0, np.zeros(1), u, np.zeros(0), np.zeros(1), np.array([y]))).u
+        u = u.clip(0, 9)  # as the plant does
+    assert own.seen == [5.0, 7.0, 6.5, 9.0]
+
+
+def test_margins_as_kpis_are_those_of_the_varied_plant():
+    scenario = pid_scenario(HEATER)
+    theta = scenario.references["robust"]
+    measured = replace(scenario, run=scenario.source.measured(lambda _: MarginKPIs(scenario.run)))
+    subject, found_M_s = found(measured), []
+    for gain in (0.7, 1.0, 1.4):
+        loop = subject.at({"gain of valve": gain}).source.function
+        own = margins(loop.env.plant, loop.env.task, lambda: scenario.controller(theta))
+        worn = {"gain of valve": gain, "backlash": 0.005}
+        kpis = subject.at(worn)(theta).kpis
+        found_M_s.append(kpis["M_s"])
+        assert kpis["M_s"] == pytest.approx(own.M_s, rel=1e-3)
+        assert kpis["phase_margin"] == pytest.approx(own.phase)
+    nominal = measured.run(theta).kpis
+    assert found_M_s[0] + 0.02 < found_M_s[1] == nominal["M_s"] < found_M_s[2] - 0.02
+    lqr = lqr_scenario(HEATER)
+    weights = lqr.references["robust"]
+    same, other = (found(lqr).at({"gain of valve": k})(weights).kpis["M_s"] for k in (1.0, 1.4))
+    assert same == pytest.approx(lqr.run(weights).kpis["M_s"])
+    assert other != pytest.approx(same, rel=0.02)
+
+
+def test_a_varied_plant_at_rest_elsewhere_makes_no_move_at_the_start():
+    scenario = pid_scenario(HEATER)
+    calm = np.array([1e-3, 1e4, 0.0, 0.0])
+    total = [found(scenario).at({"gain of valve": k})(calm).kpis["total_move"] for k in (0.9, 1.0)]
+    assert total[0] == pytest.approx(total[1], rel=0.2)
+
+
+def test_backlash_leaves_no_lasting_error_of_integral_action():
+    scenario = pid_scenario(HEATER, horizon=6000.0)
+    made = found(scenario).at({"backlash": 0.005})(scenario.references["robust"])
+    before = (made.t > 0.15 * made.duration) & (made.t < 0.5 * made.duration)  # of the load
+    # It hunts within the play. An anti-windup that sees the gap leaves 0.3 °C.
+    assert made.output(0)[before].mean() == pytest.approx(50.0, abs=0.01)
+
+
+def test_the_reactor_varies_its_parameters_but_not_the_gas_constant():
+    scenario = load("cstr")
+    subject = found(scenario)
+    names = [f.name for f in subject.factors]
+    assert names[:6] == ["F V", "k 0", "H", "E", "rho Cp", "US V"]
+    assert "R" not in names
+    theta = scenario.references["paper, automated"]
+    own, same = scenario.run(theta), subject.at({})(theta)
+    assert dict(same.kpis) == pytest.approx(dict(own.kpis))
+    fast = subject.at({"k 0": 3.6e7})(theta)
+    assert fast.x[0, 1] == pytest.approx(8.56)  # it rests there, at a lower temperature
+    assert fast.x[0, 0] < own.x[0, 0] - 0.1
+
+
+def test_the_overtaking_varies_the_car_and_where_it_starts():
+    scenario = load("overtake")
+    subject, theta = found(scenario), scenario.references["paper, preferences"]
+    assert subject.at({})(theta) == scenario.run(theta)
+    longer = subject.at({"wheelbase": 4.9, "start beside the center line": 0.2})(theta)
+    assert longer.x[0, 1] == 0.2
+    assert longer.kpis != scenario.run(theta).kpis
+
+
+def test_kpis_that_a_scenario_does_not_state_are_found():
+    def run(theta, seed=0, lag=2.0):
+        t = np.linspace(0.0, 20.0, 201)
+        return recorded(theta, t, {"y": 1 - np.exp(-t * theta[0] / lag)}, reference={"y": 1.0}, kpis=None)
+
+    found = verify(
+        Scenario("lag", "Lag", KnobSpace([Knob("gain", 0.0, 9.0)]), run), np.array([2.0]), 4, jobs=1
+    )
+    assert found.kpis
+    assert all({kpi.name for kpi in found.kpis} <= set(run.kpis) for run in found.runs)
+
+
+def step(theta, seed=0, mass=1.0, load=3.0):
+    made = recorded(theta, [0.0, 1.0], {"y": [0.0, 1.0]})
+    return made.with_kpis({"weight": mass * theta[0], "pull": load})
+
+
+def heavy(theta, seed=0, mass=2.0):
+    return step(theta, seed, mass=mass, load=0.0)
+
+
+def test_all_maneuvers_meet_the_same_variation():
+    runs = Maneuvers({"light": step, "heavy": heavy})
+    kpis = (KPI("weight", "weight", better="lower"), KPI("pull", "pull", better="lower"))
+    space = KnobSpace([Knob("gain", 0.0, 10.0)])
+    scenario = Scenario("both", "Both", space, runs, kpis=kpis)
+    found = verify(scenario, np.array([2.0]), 20, jobs=1)
+    assert [(f.name, f.nominal) for f in found.factors] == [("mass", 1.0), ("load", 3.0)]
+    for run in found.runs:
+        mass = run.values["mass"]
+        assert run.kpis["weight (light)"] == pytest.approx(2 * mass)
+        assert run.kpis["weight (heavy)"] == pytest.approx(4 * mass)
+        assert run.kpis["pull"] == run.values["load"]
+    assert found.tuning.nominal.kpis == scenario.run(np.array([2.0])).kpis
+
+
+READING = Reading()
+
+
+@pytest.fixture(scope="module")
+def lag() -> Scenario:
+    return load("lag")
+
+
+def snapped_middle(scenario):
+    return scenario.space.decode(scenario.space.snap(np.full(len(scenario.space), 0.5)))
+
+
+def test_without_a_number_a_run_is_that_of_the_scenario(lag):
+    theta = snapped_middle(lag)
+    assert Perturbed(lag, 0).run(theta, seed=4) == lag.run(theta, seed=4)
+
+
+def test_each_number_is_another_plant_with_other_noise_whatever_ran_before(lag):
+    theta, source = snapped_middle(lag), Perturbed(lag, 0)
+    runs = [source.run(np.append(theta, k)) for k in (1, 2, 1)]
+    assert runs[0].kpis == runs[2].kpis != runs[1].kpis
+    assert Perturbed(lag, 0).run(np.append(theta, 2)).kpis == runs[1].kpis
+    assert Perturbed(lag, 1).run(np.append(theta, 2)).kpis != runs[1].kpis
+    assert runs[0].theta.tolist() == [*theta.tolist(), 1.0]
+
+
+def test_they_are_not_the_runs_of_the_verification_that_follows(lag):
+    theta = snapped_middle(lag)
+    judged = {Perturbed(lag, 0).run(np.append(theta, k)).kpis["error"] for k in range(1, 9)}
+    assert judged.isdisjoint(run.kpis["error"] for run in verify(lag, theta, 8, jobs=1).runs)
+
+
+def counted(bad, *, reading=READING, thetas=(0.0,)):
+    """Count runs; `bad` gives KPIs of θ and run (0: nominal), and note which runs were made."""
+    made = []
+
+    def many(points):
+        made.extend(tuple(point.tolist()) for point in points)
+        return [bad(point[0], int(point[1]) if len(point) > 1 else 0) for point in points]
+
+    return runs_kept(many, reading, [np.array([theta]) for theta in thetas], 40), made
+
+
+def test_runs_are_counted_until_one_does_not_keep_the_limits():
+    thetas = (0.5, 1.0, 12.0)
+    found, made = counted(lambda theta, run: {"time": np.inf if run == theta else 1.0}, thetas=thetas)
+    assert found == [40, 0, 11]
+    assert max(run for theta, run in (p for p in made if len(p) > 1) if theta == 1.0) == 2
+
+
+def test_a_run_that_failed_or_was_unsafe_does_not_keep_the_limits():
+    assert counted(lambda theta, run: {} if run == 3 else {"time": 1.0})[0] == [2]
+    assert counted(lambda theta, run: {"a": np.inf if run == 5 else 2.0, "b": 1.0})[0] == [4]
+
+
+def test_what_never_settles_even_nominally_need_not():
+    assert counted(lambda theta, run: {"time": np.inf, "other": np.inf if run == 9 else 1.0})[0] == [8]
+
+
+def test_what_is_unsafe_nominally_does_not_hold():
+    assert counted(lambda theta, run: {})[0] == [0]
+    assert counted(lambda theta, run: {"time": np.inf, "other": np.inf})[0] == [0]
+
+
+def test_an_objective_is_a_limit_as_people_read_it():
+    reading = Reading({"time": 0.1}, {"time": 1.0})
+    assert counted(lambda theta, run: {"time": 0.9 + 0.1 * run}, reading=reading)[0] == [1]
+    assert counted(lambda theta, run: {"time": 1.04}, reading=reading)[0] == [40]
+    assert counted(lambda theta, run: {"time": 1.2}, reading=reading)[0] == [40]
+
+
+FOUND = Verified(
+    statement="299 of 299 runs keep the stated limits.",
+    limits_kept="Stated limits: a safe end.",
+    share=1.0,
+    bound=0.01,
+    runs=299,
+    planned=299,
+    baseline="current tuning",
+    kpis=(("overshoot [%]", "≤ 5", "1", "0", "2", "7", "5", "9"),),
+    margins=(("phase margin [°]", "60", "44"),),
+    basis="The unconstrained law.",
+    effects=("dead time (4.8 to 7.2 s): overshoot by 40 % of its range in all runs",),
+    worst=(WorstRun("within the limits", {"dead time": 7.1}, 3, "acceptable"),),
+    varied=("dead time 4.8 to 7.2 s",),
+    left_out=("Sampling jitter is not varied.",),
+    scenario="lag",
+    version="1.0",
+    best="",
+)
+
+
+FACTORS = (
+    Factor("jitter", "sensor", 0.0, 0.0, 0.1),
+    Factor.around("dead time", "dead time", 0.2, 6.0, "s"),
+    Factor("noise", "sensor", 0.0, 0.0, 0.002, "of the step"),
+    *(Factor.around(f"gain {k}", "parameter", 0.1) for k in range(5)),
+)
+
+
+def run_of(problems=()):
+    values = {"jitter": 3.082e-5, "dead time": 7.03456, "noise": 0.00117234}
+    values |= {f"gain {k}": 1.0 + 0.01 * k for k in range(5)}
+    return VerifiedRun(values, 3, End.TIME_UP, {}, problems)
+
+
+def test_a_worst_run_names_what_moved_most_within_its_range_with_units():
+    worst = WorstRun.of(run_of(("overshoot misses its objective",)), FACTORS)
+    assert worst.words == "overshoot misses its objective"
+    assert worst.text == (
+        "dead time 7.03 s, noise 0.00117 of the step, gain 4 1.04, gain 3 1.03, gain 2 1.02, "
+        "gain 1 1.01 and 2 others"
+    )
+    assert WorstRun("", {"dead time": 7.1}, 3).text == "dead time 7.1"
+
+
+def test_a_worst_run_that_keeps_the_limits_is_only_the_most_different():
+    assert WorstRun.of(run_of(), FACTORS).words == "most different from nominal, within the limits"
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / BEST).write_text("{}")
+    return tmp_path
+
+
+def test_what_is_written_is_read(folder):
+    assert Verified.read(folder) is None
+    found = replace(FOUND, best=digest_of(folder / BEST))
+    found.write(folder)
+    assert Verified.read(folder) == found
+
+
+def test_a_verification_of_another_tuning_is_none(folder):
+    replace(FOUND, best=digest_of(folder / BEST)).write(folder)
+    (folder / BEST).write_text("{ }")
+    assert Verified.read(folder) is None
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"statement": "fine"}'])
+def test_a_damaged_file_is_said(folder, text):
+    (folder / FILE).write_text(text)
+    with pytest.raises(ScenarioError, match=r"verification\.json"):
+        Verified.read(folder)
