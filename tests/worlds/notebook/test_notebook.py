@@ -12,7 +12,7 @@ import pytest
 
 from prefcal_agents import Screening
 from prefcal_app import ask
-from prefcal_app.cli import notebook as asking_module
+from prefcal_app.worlds import notebook as asking_module
 from prefcal_env.errors import SettingsError, StudyError
 from support.browser import SHOTS
 from support.calibrated import without_figures
