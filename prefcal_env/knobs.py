@@ -30,8 +30,7 @@ _SHARE = 100  # the default step is at most the range divided by this
 _FINEST = 1e-13  # smallest step relative to the values: below it, doubles cannot be rounded
 _DIGITS = 15  # significant digits of a double that survive a multiplication
 _FEWEST = 2**13  # fewest floats in a range: about a hundred that differ by more than rounding
-_ROUNDING = 1e-14
-"""Error of decoding, relative to a linear knob's bounds or a log10 knob's value."""
+_ROUNDING = 1e-14  # error of decoding, relative to a linear knob's bounds or a log10 knob's value
 
 
 @dataclass(frozen=True, slots=True)

@@ -138,8 +138,7 @@ class Setup(Generic[SettingsT]):
 
 # --- Save the whole state of an agent as plain data that JSON keeps exactly.
 
-_SAME_PLACE = 1e-6
-"""Maximum difference of θ and the θ of z in a saved sample, as a share of a knob's range."""
+_SAME_PLACE = 1e-6  # maximum difference of θ and the θ of z in a saved sample, as a share of a knob's range
 
 
 @dataclass(frozen=True, slots=True)

@@ -356,10 +356,8 @@ class RandomSearch(Agent):
         return Tried(self.space, history).fresh(self.space.scaled(rng.random((1, len(self.space))))[0], rng)
 
 
-_FIRST, _WIDEST = 0.2, 0.5
-"""Standard deviation of a step at the start, and the largest one, in the unit cube."""
-_GROWTH, _DECAY = 1.5, 0.9
-"""Factors of the step after a success and after a failure."""
+_FIRST, _WIDEST = 0.2, 0.5  # standard deviation of a step at the start, and the largest one, in the unit cube
+_GROWTH, _DECAY = 1.5, 0.9  # factors of the step after a success and after a failure
 
 
 @final

@@ -282,12 +282,9 @@ def normalized(values: Float[np.ndarray, " N"], ceiling: float) -> Float[np.ndar
 
 # --- Work out what is known after a record, answer by answer, and remember it.
 
-_REMEMBERED = 40
-"""Number of stages in memory, up to about a megabyte each."""
-_SELDOM = 10
-"""Number of answers of a long step."""
-_LATEST = 16
-"""Number of results in memory: those of the likely answers to a question and of an undo."""
+_REMEMBERED = 40  # number of stages in memory, up to about a megabyte each
+_SELDOM = 10  # number of answers of a long step
+_LATEST = 16  # number of results in memory: those of the likely answers to a question and of an undo
 
 Known = TypeVar("Known")
 

@@ -24,8 +24,7 @@ from .screening.bank import Simulate
 Theta = Float[np.ndarray, " n"]
 Prefer = Callable[[Any, Any], Answer | Preference | int | None]
 
-_SHOWN, _SHOWN_SCREENED = 50, 11
-"""Default number of experiments to compare: without and with `simulate`."""
+_SHOWN, _SHOWN_SCREENED = 50, 11  # default number of experiments to compare: without and with `simulate`
 
 
 @runtime_checkable

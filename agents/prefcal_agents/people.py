@@ -106,34 +106,25 @@ def columns_of(outcomes: Sequence[Mapping[str, float]]) -> dict[str, Float[np.nd
 
 _SPREADS = (0.5, 1.5, 3.0)
 """Standard deviations of the logarithm of a weight: from all alike to one before all others."""
-_EXPONENTS = (-1.0, 2.5)
-"""Binary logarithms of the smallest and the largest exponent."""
-_DEEPEST = 2.5
-"""Half of the scales lie among the best values of a KPI, down to its quantile 10^-2.5."""
-_LARGEST = 0.8
-"""Quantile of the largest scale."""
-_UNLIMITED = 0.5
-"""Share of the KPIs in an order that have no limit."""
+_EXPONENTS = (-1.0, 2.5)  # binary logarithms of the smallest and the largest exponent
+_DEEPEST = 2.5  # half of the scales lie among the best values of a KPI, down to its quantile 10^-2.5
+_LARGEST = 0.8  # quantile of the largest scale
+_UNLIMITED = 0.5  # share of the KPIs in an order that have no limit
 _STEPS = (-2.5, -0.3)
 """Decimal logarithms of the smallest and the largest just noticeable difference of a KPI in an
 order, in its range over random θ."""
-_NOTICED = (-3.5, -0.8)
-"""The same of a trade-off, whose cost lies between 0 and 1."""
-_RESPECTED = 0.97
-"""Share of draws in which stated limits come first."""
+_NOTICED = (-3.5, -0.8)  # the same of a trade-off, whose cost lies between 0 and 1
+_RESPECTED = 0.97  # share of draws in which stated limits come first
 ERRORS = ((0.02, 0.7), (0.1, 0.2), (0.25, 0.1))
 """Rates of wrong answers, and how probable each is."""
 _LEVELS, _MOST = 512, 5
 """Number of levels of a KPI in an order, and of KPIs in it: sums of them are exact integers."""
 _FIRST, _BEYOND = 2.0**20, 255
 """Weight of a step beyond a stated limit in a trade-off, and the most steps that count."""
-_SHARP = 3.0
-"""How fast noticing becomes certain, in inverse just noticeable differences."""
-_FAR, _ROUNDED = 1e9, 1e-9
-"""Largest number of steps, and what rounding may add to a value at its limit."""
+_SHARP = 3.0  # how fast noticing becomes certain, in inverse just noticeable differences
+_FAR, _ROUNDED = 1e9, 1e-9  # largest number of steps, and what rounding may add to a value at its limit
 _HUGE = 1e100
-_FLOOR = 0.002
-"""Distances below this share of the median distance count as zero."""
+_FLOOR = 0.002  # distances below this share of the median distance count as zero
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -428,14 +419,11 @@ def noticed(gain: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
 
 DRAWS = 1024
 """Number of draws that stand for what is known."""
-_MOVES = 24
-"""Metropolis steps of each draw after an answer."""
+_MOVES = 24  # Metropolis steps of each draw after an answer
 AFTER = 10
 """Number of answers before KPIs can be left; fewer say too little."""
-_MARGIN = 2.0
-"""Nats by which θ must predict the answers better than KPIs."""
-_ERROR = 0.03
-"""Rate of wrong answers of the model over θ."""
+_MARGIN = 2.0  # nats by which θ must predict the answers better than KPIs
+_ERROR = 0.03  # rate of wrong answers of the model over θ
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -565,22 +553,16 @@ def explains(history: History, bank: Bank, scale: Scale, utilities: Utilities) -
 # both. How far the twin is trusted follows from the measured values: with some probability, which they
 # decide, a KPI is predicted without the twin.
 
-_TRUST = 0.5
-"""Probability, before anything is measured, that a KPI follows the twin's."""
-_OFF = 0.3
-"""How far off the twin then is, in standard deviations of the KPI over random θ."""
+_TRUST = 0.5  # probability, before anything is measured, that a KPI follows the twin's
+_OFF = 0.3  # how far off the twin then is, in standard deviations of the KPI over random θ
 _OFFSET = {True: 0.5, False: 2.0}
 """Variance of what is the same for all θ, over that of the process: with the twin and without."""
 _LENGTHS = (0.3, 0.6, 1.2)
 """Lengths of the processes in the cube, over the square root of the number of knobs."""
-_NUGGET = 1e-3
-"""Variance of what θ does not explain, such as noise, over that of the process."""
-_FEATURES = 200
-"""Number of random cosines that a draw of a process is made of."""
-_INFINITE = 0.5
-"""Logarithm of how much worse than all finite values an infinite one counts."""
-_SAME = 1e-9
-"""Relative difference up to which a measured KPI is the simulated one."""
+_NUGGET = 1e-3  # variance of what θ does not explain, such as noise, over that of the process
+_FEATURES = 200  # number of random cosines that a draw of a process is made of
+_INFINITE = 0.5  # logarithm of how much worse than all finite values an infinite one counts
+_SAME = 1e-9  # relative difference up to which a measured KPI is the simulated one
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -757,15 +739,13 @@ class _Belief:
 _CLEAR = (0.1, 0.25)
 """Smallest difference that is clear: a share of the larger value, and one of the middle half of
 all good simulations."""
-_NEAR = 0.2
-"""Distance in the cube, over the square root of the number of knobs, up to which θ are near."""
+_NEAR = 0.2  # distance in the cube, over the square root of the number of knobs, up to which θ are near
 LOOK = 60
 """Number of θ for which two answers are looked ahead."""
 _TIE, _LESS = 0.4, 0.2
 """A question with a larger probability of a tie waits, if another one gains this share of what it
 does."""
-_ALIKE = 3.0
-"""Ranks below this are worth about the same: the very first ones are a matter of chance."""
+_ALIKE = 3.0  # ranks below this are worth about the same: the very first ones are a matter of chance
 
 _DOUBT = 0.75
 """Probability of being noticeably better than the best by the answers above which an experiment

@@ -18,8 +18,7 @@ from .people import Bank, Lessons, Scale, Utilities, overtaking, worth
 # The draws after the last answer lie where that record is likely. What would follow from another one
 # needs draws elsewhere: those from before the answers, and those after each of them.
 
-_STEPS = 30
-"""Steps of the fixed point; each one brings the constants several times nearer."""
+_STEPS = 30  # steps of the fixed point; each one brings the constants several times nearer
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -126,10 +125,8 @@ def _joined(draws: Sequence[Utilities]) -> Utilities:
 _SURE = 0.5
 """Probability of being noticeably better than the best by the answers, up to which an experiment
 does not take its place, whoever draws."""
-_JUDGES = 256
-"""Number of draws that choose among several that take its place."""
-_DOUBTFUL = 0.1
-"""Chance of the other answer from which on it tells something that the result rests on one."""
+_JUDGES = 256  # number of draws that choose among several that take its place
+_DOUBTFUL = 0.1  # chance of the other answer from which on it tells something that the result rests on one
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,12 +221,9 @@ def _result(pool: Pool, history: History) -> tuple[int, bool]:
 # --- A menu of three: the result, and two candidates that people like this one might prefer to it.
 
 _OTHERS = 2
-_PERHAPS = 0.25
-"""Probability of not being noticeably worse than the result that a candidate must have."""
-_ENOUGH = 0.8
-"""Share of the largest gain that a candidate must have; the one that differs most is taken."""
-_STOPS = 9
-"""Number of places between two candidates at which a third one is sought."""
+_PERHAPS = 0.25  # probability of not being noticeably worse than the result that a candidate must have
+_ENOUGH = 0.8  # share of the largest gain that a candidate must have; the one that differs most is taken
+_STOPS = 9  # number of places between two candidates at which a third one is sought
 
 
 def others(
@@ -311,8 +305,7 @@ def between(
 
 # --- The smallest change that is as good as the result: its knobs are put back to where they were.
 
-_WORSE = 0.05
-"""Probability of being noticeably worse than the result up to which a knob is put back."""
+_WORSE = 0.05  # probability of being noticeably worse than the result up to which a knob is put back
 
 
 @dataclass(frozen=True, slots=True)
@@ -366,8 +359,7 @@ def smaller_change(
 # It is a statement about verdicts, not about the form of a draw, so that orders and trade-offs agree or
 # not: whether a worse value would be noticed.
 
-_POWER = 0.5
-"""Power of the answers' likelihood, by which the certainties hold for people unlike the draws."""
+_POWER = 0.5  # power of the answers' likelihood, by which the certainties hold for people unlike the draws
 _DRAWS = 1024
 _MARKS = np.linspace(0.0, 0.95, 20)
 """Shares of the worse values of a KPI that are tried, the best of them first."""

@@ -26,8 +26,7 @@ from prefcal_scenarios.wording import limits_text, measured_texts, with_unit
 
 # --- Compare two experiments KPI by KPI, what tells them apart first, for page and terminal.
 
-_FEW = 4
-"""Minimum number of experiments whose spread tells what a large difference is."""
+_FEW = 4  # minimum number of experiments whose spread tells what a large difference is
 NOTICED = 0.02
 """Share of a KPI's value below which a difference never counts as large."""
 
@@ -289,12 +288,9 @@ def answered(state: State) -> tuple[Comparison, ...]:
 
 # --- Advise whether to continue: unbeaten experiments, and knobs at the end of their range.
 
-_AT_END = 0.02
-"""Share of a knob's searched range, in its scale, that counts as its end."""
-_INWARD = 0.1
-"""Distance in the cube over which a learned cost tells whether it falls toward an end."""
-_WIDER = 0.25
-"""Share of a range by which the command widens it."""
+_AT_END = 0.02  # share of a knob's searched range, in its scale, that counts as its end
+_INWARD = 0.1  # distance in the cube over which a learned cost tells whether it falls toward an end
+_WIDER = 0.25  # share of a range by which the command widens it
 
 
 @dataclass(frozen=True, slots=True)

@@ -100,13 +100,11 @@ Response = Callable[[Float[np.ndarray, " m"]], Complex[np.ndarray, "m n n"]]
 
 UNCONSTRAINED = "the unconstrained law, linearized at the operating point"
 """What margins hold for."""
-_SMALL = 1e-4
-"""Size of the impulse, as a share of the input's range: far from limits, and above rounding."""
+_SMALL = 1e-4  # size of the impulse, as a share of the input's range: far from limits, and above rounding
 _LOOKS = tuple(64 * 2**k for k in range(9))
 """Numbers of samples after which to look whether a response has died out. After the last one, a
 slow loop counts as stable if the response still shrinks; its slowest part is cut off."""
-_NOTHING = 1e-6
-"""Loop gain below which its phase is rounding: no gain that matters brings it to -1."""
+_NOTHING = 1e-6  # loop gain below which its phase is rounding: no gain that matters brings it to -1
 
 
 @dataclass(frozen=True, slots=True)

@@ -153,8 +153,7 @@ def closed_loop(plant: LinearPlant, law: Law) -> Closed:
 
 
 Reference = float | Sequence[float] | Mapping[str, float] | np.ndarray | Callable[[float], Any]
-_INSTANTS = 501
-"""Instants of a record: as many as of a `PlantEnv` by default."""
+_INSTANTS = 501  # instants of a record: as many as of a `PlantEnv` by default
 
 
 class LTILoop:

@@ -15,8 +15,7 @@ from . import filter as kernels
 from .controller import LinearMPC, MPCSettings
 from .kernels import discretize
 
-_PIECES = 4
-"""Pieces of a sampling period, each linearized in its middle, for strongly nonlinear plants."""
+_PIECES = 4  # pieces of a sampling period, each linearized in its middle, for strongly nonlinear plants
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,8 +14,7 @@ from prefcal_env.jit import inner
 from ._dop853 import SIGNATURE, call
 from .plant import Equations, compiled
 
-_STEP = 1e-3
-"""Step of the differences, as in `derivative`."""
+_STEP = 1e-3  # step of the differences, as in `derivative`
 carray: Any = numba.carray  # type: ignore[attr-defined]
 
 

@@ -74,8 +74,7 @@ def residuals(P, q, G, lower, upper, z, y):  # type: ignore[no-untyped-def]
 # optimal feedback (`prefcal_env.mpc.kernels`) is such a problem.
 
 SOLVED, INFEASIBLE, ITERATION_LIMIT = 0, 1, 2
-_ZERO = 1e-13
-"""Share of a normal, outside the span of the active ones, below which it counts as inside."""
+_ZERO = 1e-13  # share of a normal, outside the span of the active ones, below which it counts as inside
 
 
 @kernel()

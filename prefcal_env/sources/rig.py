@@ -21,10 +21,8 @@ from .source import Table as Given
 
 TIME = "time"
 _FILES = (".csv", ".txt", ".parquet")
-_MOST_LISTED = 5
-"""Largest number of problems in a message; people fix some of them and try again."""
-_WIDEST = 1e30
-"""Largest plausible value in any unit; beyond it plots and sums overflow."""
+_MOST_LISTED = 5  # largest number of problems in a message; people fix some of them and try again
+_WIDEST = 1e30  # largest plausible value in any unit; beyond it plots and sums overflow
 
 
 @dataclass(frozen=True)

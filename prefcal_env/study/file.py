@@ -147,8 +147,7 @@ def check_experiment(seq: int, event: Event, has_payload: bool, brought: Callabl
         raise StudyError(f"event {seq} is impossible: event {source} has no experiment")
 
 
-_IDS = 256
-"""The last byte of SQLite's user_version is the format; the rest tells studies apart."""
+_IDS = 256  # the last byte of SQLite's user_version is the format; the rest tells studies apart
 _EVENTS = (
     "SELECT seq, CAST(at AS BLOB), CAST(body AS BLOB), length(payload), checksum FROM event ORDER BY seq"
 )
@@ -233,11 +232,9 @@ def open_elsewhere(path: Path | str) -> StudyError:
     )
 
 
-_LONGEST = 480
-"""Longest path in bytes: SQLite takes 512, with the names of files that are not complete yet."""
+_LONGEST = 480  # longest path in bytes: SQLite takes 512, with the names of files that are not complete yet
 _JOURNAL = b"\xd9\xd5\x05\xf9\x20\xa1\x63\xd7"
-_DATABASE = b"SQLite format 3\0"
-"""Bytes that a journal of SQLite and a database begin with."""
+_DATABASE = b"SQLite format 3\0"  # bytes that a journal of SQLite and a database begin with
 
 
 def connect(path: Path | str, *, timeout: float = 5.0) -> sqlite3.Connection:
@@ -463,8 +460,7 @@ def make_data_folder(path: Path) -> None:
             path.parent.mkdir(parents=True, exist_ok=True)
 
 
-_PATIENCE = 0.5
-"""Seconds to wait for another process to release the file."""
+_PATIENCE = 0.5  # seconds to wait for another process to release the file
 
 
 def remove_study(path: Path | str) -> None:
@@ -534,8 +530,7 @@ Clock = Callable[[], str]
 _OVERWRITTEN = (sqlite3.SQLITE_ERROR, sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
 """What SQLite says of a file that something else was written to, with or without its tables."""
 _UNTOUCHED = "It is damaged: nothing was changed; use an earlier copy or an export"
-_UNBEGUN = State(MappingProxyType({}), "", 0)
-"""State before the first event."""
+_UNBEGUN = State(MappingProxyType({}), "", 0)  # state before the first event
 
 
 class StudyFile:

@@ -22,8 +22,7 @@ from prefcal_env.preferences.history import Comparison, History, Sample
 # --- Encode experiments as bytes: a JSON header, then little-endian arrays. Nothing is pickled.
 
 MAGIC = b"prefcal1"
-_MOST = 1 << 30
-"""Maximum size of an experiment in bytes: a file from elsewhere may try to fill the memory."""
+_MOST = 1 << 30  # maximum size of an experiment in bytes: a file from elsewhere may try to fill the memory
 LONGEST_HEADER = 1 << 16
 """Number of bytes that hold the whole header of most experiments."""
 _FLOATS = ("theta", "t", "x", "u", "t_control", "u_control", "y_ref", "solve_time")

@@ -22,8 +22,7 @@ MAX_GAP = 10.0
 """Longest step of time that is no gap, in median steps."""
 _CLOCK = re.compile(r"^(\d+):([0-5]\d)(?::([0-5]\d(?:[.,]\d*)?))?$")
 """Time of day, with seconds or without, or hours, minutes and seconds of a stopwatch."""
-_HALF_DAY = 43200.0
-"""Length of half a day in seconds."""
+_HALF_DAY = 43200.0  # length of half a day in seconds
 _NAMES = ("time", "t", "timestamp", "datetime", "date", "date time", "time stamp", "index")
 """Usual names of the column with the time, in lower case."""
 

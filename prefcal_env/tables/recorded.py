@@ -14,8 +14,7 @@ from prefcal_env.experiments.experiment import Channel, Channels, End, Experimen
 from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.wording import did_you_mean
 
-_SAME_INSTANT = 1e-9
-"""Share of the duration below which two instants count as one."""
+_SAME_INSTANT = 1e-9  # share of the duration below which two instants count as one
 
 
 @dataclass(frozen=True, slots=True)

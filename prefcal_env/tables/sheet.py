@@ -56,14 +56,11 @@ def _plain(unit: str) -> str:
 
 # --- Find the headings, the separator and the rows of a CSV, whatever its encoding.
 
-_SPACES = r"\s+"
-"""The separator of a table that is aligned with spaces."""
+_SPACES = r"\s+"  # the separator of a table that is aligned with spaces
 _SEPARATORS = ",;\t|"
 _ANY_LINE_END = re.compile(r"\r\n|\r|\n")
-_DIGITS = re.compile(r"[+-]?[.,]?\d")
-"""How numbers and time stamps begin."""
-_SPACED = re.compile(r'"([^"]*)"|(\S+)')
-"""A cell of a table that is aligned with spaces."""
+_DIGITS = re.compile(r"[+-]?[.,]?\d")  # how numbers and time stamps begin
+_SPACED = re.compile(r'"([^"]*)"|(\S+)')  # A cell of a table that is aligned with spaces
 _MAYBE_NUMBER = re.compile(r"\s*[+-]?[\d.,]+([eE][+-]?\d+)?\s*")
 
 
@@ -245,10 +242,8 @@ Table = Any
 """A DataFrame, the path of a CSV or Parquet file, its content, the text of a CSV, or a `Sheet`."""
 _LINE_END = re.compile(r"[\r\n]")
 _PARQUET = b"PAR1"
-_SAMPLE = 1000
-"""Number of cells that tell whether a column was meant as numbers."""
-_MOST_NAMED = 12
-"""Largest number of headings in a message."""
+_SAMPLE = 1000  # number of cells that tell whether a column was meant as numbers
+_MOST_NAMED = 12  # largest number of headings in a message
 _MOST_COLUMNS, _MOST_CELLS = 2_000, 5_000_000
 """Largest number of columns and of cells of a file; a run of an hour at 100 Hz has 360,000 rows."""
 

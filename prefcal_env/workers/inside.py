@@ -18,8 +18,7 @@ from typing import IO, Any, final
 from prefcal_env.errors import PrefcalError, RunError
 from prefcal_env.wording import as_exception, in_words, own_line
 
-_TIDYING = 1.0
-"""Seconds for the interpreter to end after prefcal ended."""
+_TIDYING = 1.0  # seconds for the interpreter to end after prefcal ended
 
 
 class Kind(Enum):

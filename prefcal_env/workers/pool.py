@@ -14,10 +14,8 @@ from prefcal_env.errors import RunError
 
 from .worker import LOOK, Terms, Worker
 
-_KNOWN = 5
-"""Number of messages after which the time of a request is known."""
-_UNKNOWN = 60.0
-"""Time limit of a gentle request in seconds until then."""
+_KNOWN = 5  # number of messages after which the time of a request is known
+_UNKNOWN = 60.0  # time limit of a gentle request in seconds until then
 _SHORTEST, _TIMES = 5.0, 10.0
 """Time limit afterwards: this many seconds, or this many times the median if that is more."""
 

@@ -24,12 +24,10 @@ from .inside import Kind, Message, receive, send
 
 GRACE = 2.0
 """Seconds for the user's code to stop its plant (finally, with) before it is killed."""
-_LAST_WORDS = 0.2
-"""Seconds for reading the last messages of an ended process."""
+_LAST_WORDS = 0.2  # seconds for reading the last messages of an ended process
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """Variables from which libraries of linear algebra read their number of threads."""
-_POLITE = 10
-"""How much lower the priority of a gentle process is (its niceness)."""
+_POLITE = 10  # how much lower the priority of a gentle process is (its niceness)
 _BOOT = (
     "import json, os, sys; path, args, nice = json.loads(sys.argv[1]); "
     "nice and hasattr(os, 'nice') and os.nice(nice); "
@@ -207,19 +205,14 @@ class Process:
 
 ATTEMPTS = 2
 """Number of processes that a request may cost: the first may have been killed from outside."""
-_UNLOADED = 3
-"""Number of processes that may die in a row without loading the work."""
-_PERIOD = 0.05
-"""Seconds after which results are sent, if no request has a time limit."""
-_AHEAD = 0.1
-"""Seconds of work that a process has at hand."""
+_UNLOADED = 3  # number of processes that may die in a row without loading the work
+_PERIOD = 0.05  # seconds after which results are sent, if no request has a time limit
+_AHEAD = 0.1  # seconds of work that a process has at hand
 _AT_HAND, _SHORT = 2, 1.0
 """Number of requests that a process has at hand, so that it never waits, and their longest time:
 after a longer one, it gets one at a time, which nobody else could run meanwhile."""
-_LOADING = 120.0
-"""Minimum time limit in seconds for loading the work, however short its requests are."""
-_LONG = 5.0
-"""Seconds after which a request that was ended counts as hanging."""
+_LOADING = 120.0  # minimum time limit in seconds for loading the work, however short its requests are
+_LONG = 5.0  # seconds after which a request that was ended counts as hanging
 LOOK = 0.2
 """Longest wait in seconds: after it, the process is looked at."""
 

@@ -24,10 +24,8 @@ from .catalog import load
 from .names import is_own
 from .scenario import Scenario, with_ranges
 
-_BEYOND = 30.0
-"""Seconds after the time limit when the process ends itself, in case prefcal is gone."""
-_LONGEST = 1e6
-"""Longest time limit in seconds that the process can watch itself."""
+_BEYOND = 30.0  # seconds after the time limit when the process ends itself, in case prefcal is gone
+_LONGEST = 1e6  # longest time limit in seconds that the process can watch itself
 
 Ranges = dict[str, Any] | None
 """Ranges of a study as plain data; None for those of the scenario."""

@@ -25,8 +25,7 @@ from prefcal_env.wording import last_own, ours, own_line
 # --- Names of scenarios: a plain name, or a name followed by its configuration in JSON.
 
 _QUOTED = re.compile(rb"""["']([^"'\r\n\0]{1,200})["']""")
-_LARGE = 10_000_000
-"""Bytes of a file above which reading it would take long."""
+_LARGE = 10_000_000  # bytes of a file above which reading it would take long
 
 
 def split_source(source: str) -> tuple[str, dict[str, Any] | None]:
@@ -165,8 +164,7 @@ def _parsed(text: str, what: str) -> dict[str, Any]:
 
 SAYS = logging.getLogger("prefcal.loading")
 """What says that a file takes long, at the level INFO; the command line listens."""
-_SOON = 1.5
-"""Seconds after which it is said what takes so long."""
+_SOON = 1.5  # seconds after which it is said what takes so long
 
 
 def module_at(path: Path) -> ModuleType:

@@ -195,8 +195,7 @@ def with_ranges(scenario: Scenario, space: KnobSpace) -> Scenario:
 
 # --- Check a scenario: its parts before anything runs, and its results after one experiment.
 
-_ROUNDED = 0.1
-"""Largest rounding of θ by a plant, as a share of the knob's range."""
+_ROUNDED = 0.1  # largest rounding of θ by a plant, as a share of the knob's range
 
 
 def check_parts(scenario: Scenario) -> None:

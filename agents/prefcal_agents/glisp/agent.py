@@ -127,10 +127,8 @@ def _penalty(setup: GLISpSetup, history: History) -> Penalty | None:
 
 # --- Follow-up questions: which two known samples to compare before the next one is proposed.
 
-_APART = 10
-"""Number of experiments between two questions that are only based on a suspicion."""
-_SURE = 2.0
-"""A difference of at least this many standard deviations is certain enough not to ask."""
+_APART = 10  # number of experiments between two questions that are only based on a suspicion
+_SURE = 2.0  # A difference of at least this many standard deviations is certain enough not to ask
 _RIVALS = 9  # samples next to the best, by Ĵ
 FINALS = 3
 """Maximum number of questions after the last experiment."""
@@ -304,8 +302,7 @@ _CHANCE = (-0.69, 0.48, -0.25)
 
 Source: none. A logistic regression of whether the next experiment is noticeably better.
 """
-_BELIEVED = 0.996
-"""Largest share of the draws that is believed; 1 minus it is the smallest."""
+_BELIEVED = 0.996  # largest share of the draws that is believed; 1 minus it is the smallest
 
 
 @dataclass(frozen=True, slots=True)
@@ -341,8 +338,7 @@ def lost_since(history: History) -> int:
     return won.index(True) if True in won else len(won)
 
 
-_STREAM = 4
-"""Stream of random numbers."""
+_STREAM = 4  # stream of random numbers
 
 
 @final

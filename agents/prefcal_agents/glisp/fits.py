@@ -163,23 +163,15 @@ GLISpSetup = Setup[GLISpSettings]
 
 # --- What GLISp learns from KPIs and proposes by them: draws of what the person wants.
 
-_JUDGES = 256
-"""Number of draws that judge θ: in each, KPIs have their own values where no experiment ran."""
-_SHOWN, _AT_ONCE = 64, 1000
-"""Number of draws behind a drawn value, and of θ judged at once."""
-_DOUBT = 0.5
-"""Probability of being better than the best above which a sample is compared with it."""
-_STREAM = 3
-"""Stream of random numbers."""
-_MOST = 100
-"""Number of answers after which ten are learned from at once, so that a long study opens soon."""
+_JUDGES = 256  # number of draws that judge θ: in each, KPIs have their own values where no experiment ran
+_SHOWN, _AT_ONCE = 64, 1000  # number of draws behind a drawn value, and of θ judged at once
+_DOUBT = 0.5  # probability of being better than the best above which a sample is compared with it
+_STREAM = 3  # stream of random numbers
+_MOST = 100  # number of answers after which ten are learned from at once, so that a long study opens soon
 
-_ANYWHERE, _NEAR = 300, 300
-"""Number of random θ to choose from, and of steps from the best one so far."""
-_STEPS = (0.003, 0.3)
-"""Shortest and longest standard deviation of a step, in units of the cube."""
-_MOVED = 0.2
-"""Smallest share of the knobs that a step moves; the largest is 1."""
+_ANYWHERE, _NEAR = 300, 300  # number of random θ to choose from, and of steps from the best one so far
+_STEPS = (0.003, 0.3)  # shortest and longest standard deviation of a step, in units of the cube
+_MOVED = 0.2  # smallest share of the knobs that a step moves; the largest is 1
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -354,8 +346,7 @@ WINDOW = 10
 """Number of tests to average, since a cost that jumps looks like mistakes for a while. With a
 single test, calibrators of the reactor who are never wrong often counted as noisy, which cost
 experiments."""
-_ENOUGH = 1.0
-"""Minimum gain in log probability that counts as a difference, in nats."""
+_ENOUGH = 1.0  # minimum gain in log probability that counts as a difference, in nats
 _EPSILONS = (0.32, 0.56, 1.0, 1.8, 3.2, 5.6)
 
 
@@ -426,8 +417,7 @@ def rows_of(preferences: Preferences, shape: Shape) -> Constraints:
 
 FEW = 20
 """Number of experiments before the process takes turns."""
-_TESTED = 5
-"""Number of experiments between two tests of whether KPIs explain the answers."""
+_TESTED = 5  # number of experiments between two tests of whether KPIs explain the answers
 SELDOM = 10
 """Number of experiments between two validations, or two noise tests, from then on."""
 _SHAPE_AT = 5  # of ten; noise tests are at 0, so no proposal waits for both

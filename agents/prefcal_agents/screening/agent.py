@@ -48,8 +48,7 @@ from .bank import ENOUGH, Growth, Simulating, Simulations, Stage
 
 # --- Why a screening agent shows this experiment, as data that front ends put into words.
 
-_DIFFERS = 0.02
-"""Share of what all differences count together below which that of a KPI is left out."""
+_DIFFERS = 0.02  # share of what all differences count together below which that of a KPI is left out
 _NOTHING = 1e-9
 
 
@@ -132,8 +131,7 @@ ENOUGH_AFTER, ENOUGH_SHARE, ENOUGH_CHANCE = (6, 8), 0.1, 0.5
 Source: none. Of the rules that ask ten questions at most, one that keeps nine tenths of what ten
 answers are worth. There are two looks, since each one can end a study by mistake.
 """
-_BY_CHANCE = -1.1
-"""Mean log probability of an answer, in nats, if each of the three is as likely: log(1/3)."""
+_BY_CHANCE = -1.1  # mean log probability of an answer, in nats, if each of the three is as likely: log(1/3)
 _SHARE = (1.583, 0.382, -0.177, -0.169, 0.615, -0.364)
 """Coefficients of log10 of the share: a constant, then of what `Evidence.terms` returns.
 
@@ -145,16 +143,11 @@ _AT, _STEP = 0.01, 0.544
 falls where the logit of that chance is larger by 1, by the same regression."""
 _INTERVAL = (0.05, 0.5, 0.95)
 """Chances of being exceeded, by that regression, of the shares that numbers of experiments follow from."""
-_CHANCE = 0.72
-"""How much the logit of the draws' chance counts, by a logistic regression."""
-_ADDED = 0.001
-"""What is added to shares before their logarithm."""
-_QUANTILE = 0.9
-"""Quantile over the draws of the share of the θ that fill the space."""
-_AT_ONCE = 200
-"""Number of θ that are compared with the result at a time, which bounds the memory."""
-_SURE = 0.98
-"""Largest chance that is believed; 1 minus it is the smallest."""
+_CHANCE = 0.72  # how much the logit of the draws' chance counts, by a logistic regression
+_ADDED = 0.001  # what is added to shares before their logarithm
+_QUANTILE = 0.9  # quantile over the draws of the share of the θ that fill the space
+_AT_ONCE = 200  # number of θ that are compared with the result at a time, which bounds the memory
+_SURE = 0.98  # largest chance that is believed; 1 minus it is the smallest
 
 
 @dataclass(frozen=True, slots=True)
@@ -310,13 +303,10 @@ def _foretold(draws: Utilities, lessons: Lessons, history: History) -> tuple[flo
 _OPEN = 4
 """Where the simulation is rough, every fourth θ is one that people with any wishes might prefer to
 all shown: a few answers between θ that are poor in the same way can teach a wrong preference."""
-_ALIKE = 0.005
-"""Experiments whose KPIs differ by less than this share look alike."""
+_ALIKE = 0.005  # experiments whose KPIs differ by less than this share look alike
 
-_LAST = 5
-"""Number of last questions of a robust study that show what holds, if anything does."""
-_STALLED = 5
-"""Number of challengers lost in a row after which every second one is proposed without KPIs."""
+_LAST = 5  # number of last questions of a robust study that show what holds, if anything does
+_STALLED = 5  # number of challengers lost in a row after which every second one is proposed without KPIs
 _UNTIL, _EVERY = 30, 4
 """Until so many answers, every fourth such proposal fills the space, as the start of GLISp does."""
 

@@ -50,8 +50,7 @@ limits before one does not."""
 ENOUGH = 300
 """Number of perturbed runs that all keep the limits of what is shown in a robust study: then fewer
 than 1 % of such runs do not, with 95 % confidence."""
-_JUDGED = 10
-"""Number of simulations from which it is judged whether the names of KPIs change."""
+_JUDGED = 10  # number of simulations from which it is judged whether the names of KPIs change
 
 Learned = TypeVar("Learned")
 
@@ -291,26 +290,16 @@ class Simulating(Agent):
 _FIRST, _SECOND, _LATER = (0.2, 0.08), (0.2, 0.12), (0.0, 0.04)
 """Shares of the simulations, over the whole space and near the leaders: before the first question,
 which must come soon; after the first answer; and after each later one."""
-_ANSWERS = 10
-"""Number of later answers that are followed by simulations; then all are used up."""
-_ROUND = 50
-"""Number of θ near the leaders after which leaders are chosen again."""
-_JUDGES, _GUIDES = 256, 64
-"""Numbers of draws that judge the whole bank, and that say where to simulate next."""
-_LEADERS = 20
-"""Number of the best θ of a draw that span the step."""
-_BASES = 3
-"""Number of the best θ of a draw from which a step starts."""
-_STEP = (0.2, 0.8)
-"""Smallest and largest multiple of the difference of two leaders."""
-_MOVED = 0.8
-"""Probability that a knob moves along."""
-_JITTER = 0.01
-"""Standard deviation of a random step, in units of the cube, where all leaders agree."""
-_LEARN = 0
-"""First stream of random numbers; the next ones place θ."""
-_CORRECT = 1000
-"""Stream that draws how the plant differs from the simulation."""
+_ANSWERS = 10  # number of later answers that are followed by simulations; then all are used up
+_ROUND = 50  # number of θ near the leaders after which leaders are chosen again
+_JUDGES, _GUIDES = 256, 64  # numbers of draws that judge the whole bank, and that say where to simulate next
+_LEADERS = 20  # number of the best θ of a draw that span the step
+_BASES = 3  # number of the best θ of a draw from which a step starts
+_STEP = (0.2, 0.8)  # smallest and largest multiple of the difference of two leaders
+_MOVED = 0.8  # probability that a knob moves along
+_JITTER = 0.01  # standard deviation of a random step, in units of the cube, where all leaders agree
+_LEARN = 0  # first stream of random numbers; the next ones place θ
+_CORRECT = 1000  # stream that draws how the plant differs from the simulation
 _POOL, _RECALLED = 2000, 10
 """Stream of the pool's draws before any answer, and number of the latest answers it has draws of."""
 

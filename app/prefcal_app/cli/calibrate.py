@@ -68,8 +68,7 @@ from .studies.files import as_text, completed, existing, open_described
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as in shells."""
-_ALSO = ("SIGTERM", "SIGHUP")
-"""Signals that end a program like Ctrl-C does: `kill`, and closing the terminal."""
+_ALSO = ("SIGTERM", "SIGHUP")  # signals that end a program like Ctrl-C does: `kill`, and closing the terminal
 
 
 class Interruption:
@@ -222,8 +221,7 @@ def as_json(
 
 _SIGNS = {None: ("  ", ""), True: (" ✓", "green"), False: (" ✗", "red")}
 """Sign and style of a value that meets its objective, or does not."""
-_STYLES = {"yes": "green", "no": "red"}
-"""Style of a cell by its last class."""
+_STYLES = {"yes": "green", "no": "red"}  # style of a cell by its last class
 
 
 def show(record: StudyRecord, report: Path, console: Console) -> None:
@@ -268,8 +266,7 @@ def plain(text: str) -> str:
 
 # --- An open study with all that works on it: its interview, its simulator and its report.
 
-_KNOWN = 2.0
-"""Longest wait, in seconds, for what a screening agent expects of its simulations in the end."""
+_KNOWN = 2.0  # longest wait, in seconds, for what a screening agent expects of its simulations in the end
 
 
 @dataclass(frozen=True, slots=True)

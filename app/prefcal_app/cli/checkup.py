@@ -59,8 +59,7 @@ from .studies.files import as_text, completed
 
 _SIGNS = {True: ("✓", "green"), False: ("✗", "bold red"), None: ("·", "dim")}
 _FIRST = " (the very first run on a machine compiles for half a minute)"
-_DRAWS = 2000
-"""Number of random θ to try if the constraints exclude the middle of the box."""
+_DRAWS = 2000  # number of random θ to try if the constraints exclude the middle of the box
 _GOALS = {
     "lower": "lower is better",
     "higher": "higher is better",

@@ -40,8 +40,7 @@ from .pair import NamedRun, aligned, aligned_view, measured_run
 
 # --- Serve runs on a local page, two at a time.
 
-_KEPT = 8
-"""Number of pairs whose views are kept: each can take megabytes."""
+_KEPT = 8  # number of pairs whose views are kept: each can take megabytes
 
 
 class LookWindow(Site):
@@ -222,8 +221,7 @@ class SideBySide:
 
 # --- Guess what the columns of a table are, read them as a run, and say what was taken for what.
 
-_MOST = 12
-"""Number of columns shown if none are named: more panels are no longer readable."""
+_MOST = 12  # number of columns shown if none are named: more panels are no longer readable
 
 
 def run_from(path: Path, about: TableColumns | None = None) -> NamedRun:

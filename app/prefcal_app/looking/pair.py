@@ -26,14 +26,10 @@ _KINDS = (
     "RMS move",
 )
 """Kinds of tracking KPIs, the most telling ones first."""
-_SURE = 5.0
-"""Standard deviations of a median over many values that fit into the band."""
-_LONGEST = 10
-"""Largest number of samples of a median: the record by this number."""
-_FEW, _OPPOSITE = 40, -1 / 3
-"""Number of samples, and correlation of neighbors, from which noise can be told."""
-_NORMAL = 1.4826
-"""Standard deviation of normal noise, by the median of its size."""
+_SURE = 5.0  # standard deviations of a median over many values that fit into the band
+_LONGEST = 10  # largest number of samples of a median: the record by this number
+_FEW, _OPPOSITE = 40, -1 / 3  # number of samples, and correlation of neighbors, from which noise can be told
+_NORMAL = 1.4826  # standard deviation of normal noise, by the median of its size
 
 
 def measured_run(experiment: Experiment) -> tuple[Experiment, tuple[KPI, ...]]:

@@ -23,10 +23,8 @@ from .record import StudyRecord, foremost_kpis
 
 # --- Draw closed-loop runs, overlaid or side by side.
 
-_ACROSS = 3
-"""Largest number of maneuvers next to each other; more would be too narrow to read."""
-_LINE = 76
-"""Number of characters of θ that fit above half of a figure."""
+_ACROSS = 3  # largest number of maneuvers next to each other; more would be too narrow to read
+_LINE = 76  # number of characters of θ that fit above half of a figure
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +38,7 @@ class DrawnRun:
     dashes: Any = "-"
 
 
-_Row = tuple[Plot, bool]
-"""A panel, and whether it is a zoom on the range around its target."""
+_Row = tuple[Plot, bool]  # A panel, and whether it is a zoom on the range around its target
 
 
 @dataclass(frozen=True, slots=True)
@@ -330,14 +327,10 @@ def panel_title(channel: Channel, *, zoomed: bool = False) -> str:
 
 INDEX = KPI("performance index", "performance index (lower is better)", better="lower")
 """The score that the answers follow, drawn as a KPI."""
-_ROWS = 4
-"""Maximum number of KPIs to draw."""
-_KNOBS_ACROSS = 3
-"""Number of knobs next to each other."""
-_LEAST = 10
-"""Smallest span of an axis in differences that people can just see: fewer must not look large."""
-_INNER = (0.05, 0.9)
-"""Quantiles of the experiments that are always within the scale."""
+_ROWS = 4  # maximum number of KPIs to draw
+_KNOBS_ACROSS = 3  # number of knobs next to each other
+_LEAST = 10  # smallest span of an axis in differences that people can just see: fewer must not look large
+_INNER = (0.05, 0.9)  # quantiles of the experiments that are always within the scale
 
 
 def course(record: StudyRecord) -> Figure:

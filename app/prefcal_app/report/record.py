@@ -360,8 +360,7 @@ class StudyRecord:
 # --- List the tables of the report: the result, every experiment, and every comparison, also as CSV.
 
 _T = TypeVar("_T")
-_MOST = 3
-"""Number of KPIs that the table of experiments shows."""
+_MOST = 3  # number of KPIs that the table of experiments shows
 
 
 def gain_rows(record: StudyRecord) -> list[dict[str, Any]]:

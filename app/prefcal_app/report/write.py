@@ -117,12 +117,10 @@ _RUN = (
     f"{_UNKNOWN}: other gains, dead times, noise, loads and set points than modeled. Run prefcal verify "
     "best.json, which completes this sheet."
 )
-_WIDE, _MOST = 100, 440
-"""Characters of a line of an answer, and the most of an answer."""
+_WIDE, _MOST = 100, 440  # characters of a line of an answer, and the most of an answer
 LINE, MOST_VERIFIED = 3.4, 15
 """Height of a line of an answer in mm, and the usual number of lines of what was verified."""
-_LOW = 25.0
-"""Smallest height of curves that tell anything, in mm."""
+_LOW = 25.0  # smallest height of curves that tell anything, in mm
 
 Answers = list[tuple[str, str]]
 """Questions, in a few words, each with its answer."""
@@ -364,18 +362,13 @@ def _drawn(
 _MOST_ROWS, _LEAST, _FEW = 12, 8, 3
 """Largest number of knobs, and of KPIs with limits, for which one page has room; how much of it
 belongs to KPIs, and how many KPIs stay on a page that is too full."""
-_LINE = (46, 20, 16)
-"""Characters of a name, limits and a value that stay on a line of a table."""
+_LINE = (46, 20, 16)  # characters of a name, limits and a value that stay on a line of a table
 _PAGE, _ROW, _MORE = 203.0, 4.1, 3.4
 """Height of a page without headings and lines to sign, of a row, and of a further line in it, in mm."""
-_TALL, _INCH = 125.0, 25.4
-"""Largest height of curves with what follows them, and of an inch, in mm."""
-_PANELS = 3
-"""Largest number of panels for which one page has room."""
-_KPI = ("title", "objective", "before", "after", "unit", "met")
-"""What the sheet says of a KPI."""
-_NEAR = 1e-6
-"""Share of its size by which a value may miss a limit and still count as being at it."""
+_TALL, _INCH = 125.0, 25.4  # largest height of curves with what follows them, and of an inch, in mm
+_PANELS = 3  # largest number of panels for which one page has room
+_KPI = ("title", "objective", "before", "after", "unit", "met")  # what the sheet says of a KPI
+_NEAR = 1e-6  # share of its size by which a value may miss a limit and still count as being at it
 
 
 def sheet(record: StudyRecord, verified: Verified | str | None = None) -> str:

@@ -45,8 +45,7 @@ LIKELY = (Preference.CHALLENGER, Preference.INCUMBENT, Preference.TIE, None)
 """Possible answers, the most likely first."""
 LIKELIEST = 3
 """Number of answers to prepare if each of them takes simulations."""
-_KEPT = 36
-"""Number of experiments in memory: a few questions' worth, so that an undo finds them, too."""
+_KEPT = 36  # number of experiments in memory: a few questions' worth, so that an undo finds them, too
 
 
 @dataclass(slots=True)

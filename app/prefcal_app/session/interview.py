@@ -308,8 +308,7 @@ class Steps:
 # --- Say what is known of a study: its experiments and answers, what was learned, whether to continue.
 
 Surrogate = Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, " m"]]
-_LEAST = 5
-"""Smallest number of verdicts for an outlook without simulations."""
+_LEAST = 5  # smallest number of verdicts for an outlook without simulations
 
 
 class Known:

@@ -330,8 +330,7 @@ def _curves(experiment: Experiment) -> list[np.ndarray]:
 
 UNBIDDEN = ("late", "died")
 """Reasons for a run without an experiment that neither the person nor their code gave."""
-_ONE_AT_A_TIME = threading.Lock()
-"""Held during a look: clicking through many θ must not keep every core busy."""
+_ONE_AT_A_TIME = threading.Lock()  # held during a look: clicking through many θ must not keep every core busy
 
 
 def due(flow: Flow, *, ahead: bool) -> Attempt | None:

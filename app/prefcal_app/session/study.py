@@ -232,8 +232,7 @@ PERSON = "human"
 """Who answers, in the configuration of a study."""
 ENOUGH = "little is left to gain"
 """Why a study ends before its last question."""
-_SIDES, _REPEATS = 11, 12
-"""Streams of the study's seed; agents use other ones."""
+_SIDES, _REPEATS = 11, 12  # streams of the study's seed; agents use other ones
 
 
 @dataclass(frozen=True, slots=True)
@@ -416,8 +415,7 @@ def to_repeat(state: State, seed: int) -> Comparison | None:
 
 # --- Read the experiments of a study by index, as questions show them.
 
-_KEPT = 32
-"""Number of recent experiments to keep in memory; a trajectory can take a megabyte."""
+_KEPT = 32  # number of recent experiments to keep in memory; a trajectory can take a megabyte
 
 
 @dataclass(slots=True)

@@ -19,8 +19,7 @@ from .study import Phase, Question
 
 # --- Run an interview's experiments in a thread while a person looks at the last one.
 
-_DRAWN = 0.15
-"""Seconds left for sending and drawing a new question before prefetching starts."""
+_DRAWN = 0.15  # seconds left for sending and drawing a new question before prefetching starts
 
 
 class Background:
@@ -62,10 +61,8 @@ class Background:
 
 # --- Run an interview without a person: a synthetic calibrator answers every question.
 
-_PATIENCE = 0.5
-"""Longest wait for an experiment that runs elsewhere, in seconds."""
-_MOST_LOST = 3
-"""Number of runs in a row that crash or take too long after which the study is given up."""
+_PATIENCE = 0.5  # longest wait for an experiment that runs elsewhere, in seconds
+_MOST_LOST = 3  # number of runs in a row that crash or take too long after which the study is given up
 
 
 def unattended(

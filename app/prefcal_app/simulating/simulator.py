@@ -306,12 +306,9 @@ def simulates(agent: Agent) -> bool:
 
 # --- Simulate θ for an agent: each one once, in worker processes that leave the page its processor.
 
-_TELL = 0.5
-"""Seconds between two reports of progress."""
-_MOST = 8
-"""Largest number of workers unless more are asked for: each takes 100 to 200 MB."""
-_ENDING = 1.0
-"""Seconds to wait for an abandoned batch before its workers are killed."""
+_TELL = 0.5  # seconds between two reports of progress
+_MOST = 8  # largest number of workers unless more are asked for: each takes 100 to 200 MB
+_ENDING = 1.0  # seconds to wait for an abandoned batch before its workers are killed
 
 Theta = Float[np.ndarray, " n"]
 

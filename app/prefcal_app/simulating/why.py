@@ -19,10 +19,8 @@ from .simulator import Basis, Carried
 
 # --- Say in one sentence why an experiment is shown, what the answer can change, and what was wanted.
 
-_MOST = 2
-"""Number of KPIs named on either side of the sentence, those that matter most."""
-_LEAST = 0.01
-"""Share of a KPI from which on it is a price."""
+_MOST = 2  # number of KPIs named on either side of the sentence, those that matter most
+_LEAST = 0.01  # share of a KPI from which on it is a price
 _HARDLY = 0.05
 """Chance of another result below which it is stated: larger ones are too high (docs/research/result.md)."""
 

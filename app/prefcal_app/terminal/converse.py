@@ -54,12 +54,9 @@ MARKS = {
 STOP = ("x", "stop")
 UNDO = ("z", "undo")
 RESTORE = ("g", "again")
-_LOOK = 0.2
-"""Interval, in seconds, at which a waiting conversation reads what was typed."""
-_EXPLAINED = 2.0
-"""Longest wait, in seconds, for the reason of a question: it is asked without one then."""
-_LARGEST = 20 << 20
-"""Largest size of a record in bytes, as on the page."""
+_LOOK = 0.2  # interval, in seconds, at which a waiting conversation reads what was typed
+_EXPLAINED = 2.0  # longest wait, in seconds, for the reason of a question: it is asked without one then
+_LARGEST = 20 << 20  # largest size of a record in bytes, as on the page
 
 
 @dataclass(slots=True)

@@ -26,8 +26,7 @@ from .question import Seen, question_view, theta_texts, theta_view
 
 # --- Show what a screening agent simulated, why it asks, and whether it offers to stop.
 
-_SPAN = 100.0
-"""Ratio of the largest to the smallest value from which an axis is logarithmic: two decades."""
+_SPAN = 100.0  # ratio of the largest to the smallest value from which an axis is logarithmic: two decades
 
 
 def screening_view(interview: Interview, now: Now, *, blind: bool) -> dict[str, Any] | None:
@@ -242,8 +241,7 @@ def look_view(interview: Interview, theta: tuple[float, ...], seen: Seen | None 
 FIRST, CURRENT = "first experiment", "current tuning"
 """Names of the first experiment: without and with a tuning that the person gave."""
 
-_SLIGHT = 0.05
-"""Share of a usual difference in the study below which a change is neither better nor worse."""
+_SLIGHT = 0.05  # share of a usual difference in the study below which a change is neither better nor worse
 
 
 def baseline_of(state: State) -> str:

@@ -233,8 +233,7 @@ def marks_of(state: State, index: int, interrupted: Set[int]) -> list[str]:
 
 # --- Show the status: the best so far, what was tried and learned, and how consistent answers are.
 
-_POINTS = 81
-"""Number of points of a slice through the surrogate."""
+_POINTS = 81  # number of points of a slice through the surrogate
 
 
 def status_view(interview: Interview) -> dict[str, Any]:

@@ -79,8 +79,7 @@ def judged(kpi: KPI, experiment: Experiment, kind: str = "") -> Data:
 
 # --- Describe the panels of a question and compute the curves to draw.
 
-_MOST = 4000
-"""Maximum number of points of a curve; longer ones keep minimum and maximum of each stretch."""
+_MOST = 4000  # maximum number of points of a curve; longer ones keep minimum and maximum of each stretch
 
 
 def panel_view(panel: Plot) -> dict[str, Any]:
@@ -185,14 +184,10 @@ def _story(channel: Channel, experiment: Experiment, y: Float[np.ndarray, " K"])
 
 # --- Track the ranges of all experiments of a study, for axes and for KPI differences.
 
-_PAD = 0.04
-"""Share of an axis left free at each end."""
-_GRAIN = 20
-"""Steps of an axis, up to twice as many: axes end at a step, so small growth moves nothing."""
-_KEPT = 24
-"""Number of runs whose curves are kept for the page: those of the last questions."""
-_AT_ONCE = 200
-"""Number of experiments read per look, to avoid waiting while thousands load from disk."""
+_PAD = 0.04  # share of an axis left free at each end
+_GRAIN = 20  # steps of an axis, up to twice as many: axes end at a step, so small growth moves nothing
+_KEPT = 24  # number of runs whose curves are kept for the page: those of the last questions
+_AT_ONCE = 200  # number of experiments read per look, to avoid waiting while thousands load from disk
 
 Range = tuple[float, float]
 _Drawn = tuple[Experiment, Sequence[Plot], dict[str, Any]]
@@ -321,15 +316,12 @@ def _framed(channel: Channel, low: float, high: float) -> Range:
 
 # --- Find when things happen in a maneuver of two experiments, and where both differ.
 
-_STILL = 0.02
-"""Share of its axis by which a curve may move while nothing happens."""
-_BEFORE, _AFTER = 0.05, 0.25
-"""Shares of the time in which things happen that are shown before and after it."""
+_STILL = 0.02  # share of its axis by which a curve may move while nothing happens
+_BEFORE, _AFTER = 0.05, 0.25  # shares of the time in which things happen that are shown before and after it
 _COARSE = 3
 """Steps of the time shown, up to twice as many: a similar pair has the same time axis, and is drawn
 in a tenth of the time."""
-_NEARLY_ALL = 0.8
-"""Share of the whole time from which all of it is shown."""
+_NEARLY_ALL = 0.8  # share of the whole time from which all of it is shown
 
 
 def largest_difference(
@@ -647,8 +639,7 @@ def _plain(value: float | None) -> float | None:
 
 # --- Write the briefing: the task, what its knobs and KPIs mean, and how long it takes.
 
-_SECONDS = 15
-"""Seconds for one comparison at a calm pace."""
+_SECONDS = 15  # seconds for one comparison at a calm pace
 
 
 def brief_view(interview: Interview) -> dict[str, Any]:

@@ -309,8 +309,7 @@ class Pages:
 
 # --- Verify the result on varied plants while the page of its end is open.
 
-_PATIENCE = 10.0
-"""Seconds that closing waits for the runs in progress, whose result is then kept."""
+_PATIENCE = 10.0  # seconds that closing waits for the runs in progress, whose result is then kept
 
 
 class Verifying:
@@ -438,8 +437,7 @@ VIEWS: Mapping[str, Callable[[Interview], Any]] = MappingProxyType(
     {"brief": brief_view, "history": history_view, "status": status_view, "simulated": map_view}
 )
 """Branches of the view that follow from the interview alone."""
-_TABS = 100
-"""Number of pages that wait for a change at the same time; more take turns."""
+_TABS = 100  # number of pages that wait for a change at the same time; more take turns
 _SLICE, _PAUSE = 0.2, 0.01
 """Seconds that a page waits in a row, and between two waits: a closed interview returns at once."""
 _BLIND = {"blind": bit}

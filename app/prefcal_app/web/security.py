@@ -385,8 +385,7 @@ HEAD_SECONDS = 10.0
 """Seconds within which the address and the headers of a request must arrive."""
 MOST_WAITING = 32
 """Maximum number of connections per peer without a complete request; browsers open six."""
-_AFTER = 5.0
-"""Extra seconds after `BODY_SECONDS`, for sending the error to the person."""
+_AFTER = 5.0  # extra seconds after `BODY_SECONDS`, for sending the error to the person
 
 _BUSY = (
     b"HTTP/1.1 503 Service Unavailable\r\nRetry-After: 1\r\nConnection: close\r\n"

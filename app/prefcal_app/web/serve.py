@@ -60,8 +60,7 @@ def open_browser(
 
 # --- Serve an application on a socket of its own, in its own thread, behind a secret link.
 
-_GRACE = 1
-"""Seconds to finish open requests when the site closes."""
+_GRACE = 1  # seconds to finish open requests when the site closes
 
 Making = Callable[..., Starlette]
 """Function of `token`, `port` and `hosts` that builds the application of a site."""
@@ -248,8 +247,7 @@ def _of_api(api: Api, verifying: Verifying) -> list[Route]:
 
 # --- Serve the query window of an interview.
 
-_HIDDEN = 70.0
-"""Seconds that a page in a hidden tab may be silent; browsers wake it once a minute."""
+_HIDDEN = 70.0  # seconds that a page in a hidden tab may be silent; browsers wake it once a minute
 
 
 class Presence:

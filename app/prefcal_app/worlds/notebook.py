@@ -29,14 +29,11 @@ from prefcal_scenarios.catalog import load
 from prefcal_scenarios.isolated import isolation
 from prefcal_scenarios.scenario import Scenario
 
-_OWN = ("scenario", "study", "out")
-"""Options of `prefcal calibrate` that `ask` takes itself."""
+_OWN = ("scenario", "study", "out")  # options of `prefcal calibrate` that `ask` takes itself
 _NOT_HERE = {"terminal", "browser", "json", "host", "config", "plant", "twin", "cost", "at_once"}
 """Options of `prefcal calibrate` that mean nothing in a notebook, or are Python objects there."""
-_PATIENCE = 0.5
-"""Longest wait for the next change, in seconds."""
-_LAST_RUN = 5.0
-"""Longest wait for a run that cannot be ended, or for the report, in `close`, in seconds."""
+_PATIENCE = 0.5  # longest wait for the next change, in seconds
+_LAST_RUN = 5.0  # longest wait for a run that cannot be ended, or for the report, in `close`, in seconds
 _OPEN: dict[Path, "Asking"] = {}
 """Studies that this process asks about, by file: a cell that runs again closes the earlier one."""
 

@@ -206,8 +206,7 @@ def paper_scene() -> dict[str, Any]:
 # takes 20 times as long.
 
 _LONG, _BROAD = LENGTH / 2, WIDTH / 2
-_ROUNDING = 1e-9
-"""Distance far above rounding errors and far below any that matters [m]."""
+_ROUNDING = 1e-9  # distance far above rounding errors and far below any that matters [m]
 
 REACH = float(np.hypot(LENGTH, WIDTH / 2))
 """Distance from the front end to the farthest point of the body [m]."""

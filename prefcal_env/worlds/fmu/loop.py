@@ -27,8 +27,7 @@ from prefcal_env.workers import Terms, Worker
 from .model import Names, Variable, grid_of, read_model, referenced, shown, tuned
 from .simulation import FMUSimulation, Job, Reply
 
-_RUNS = 1_000
-"""Number of runs after which the process is replaced, so that FMUs that leak stay small."""
+_RUNS = 1_000  # number of runs after which the process is replaced, so that FMUs that leak stay small
 _PREFIX = "prefcal-fmu-"
 
 

@@ -72,8 +72,7 @@ _NUMBERS = {
     *(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)),
 }
 """Types of FMI 2 and 3 whose values are numbers."""
-_LISTED = 12
-"""Number of names that a message lists at most."""
+_LISTED = 12  # number of names that a message lists at most
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -287,8 +286,7 @@ def _number(text: object) -> float | None:
 
 # --- Check knobs, curves and times of a loop against its FMU, before anything runs.
 
-_ROUNDING = 1e-9
-"""Relative error of a ratio of times that counts as a whole number."""
+_ROUNDING = 1e-9  # relative error of a ratio of times that counts as a whole number
 
 Names = Mapping[str, str] | Sequence[str]
 """Variables of the FMU, perhaps by the names that they are shown with."""

@@ -14,8 +14,7 @@ import numpy as np
 
 from prefcal_env.errors import PlantError
 
-_QUICK = 1.0
-"""Longest run in seconds after which it is tried whether a reset FMU runs in the same way."""
+_QUICK = 1.0  # longest run in seconds after which it is tried whether a reset FMU runs in the same way
 _C_TYPES: dict[str, dict[str, Any]] = {
     "2": {"Real": ctypes.c_double, "Integer": ctypes.c_int, "Boolean": ctypes.c_int},
     "3": {"Float64": ctypes.c_double, "Float32": ctypes.c_float, "Boolean": ctypes.c_bool}

@@ -100,8 +100,7 @@ def never_good(rig: LivePlan, rows: Sequence[Row]) -> list[str]:
 
 # --- Write to a live plant within limits and rates, and notice if it comes no closer to a target.
 
-_ROUNDING = 1e-9
-"""Relative error of sums and products of doubles, with a margin."""
+_ROUNDING = 1e-9  # relative error of sums and products of doubles, with a margin
 
 
 @dataclass(frozen=True, slots=True)

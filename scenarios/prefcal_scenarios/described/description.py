@@ -23,8 +23,7 @@ from prefcal_scenarios.own import joined_source, split_source
 KNOB_EXAMPLE = '"K_p=0.1:100:log %/m"'
 """A knob as typed on the command line, for help and messages."""
 _RANGE = re.compile(r"([^\s\[]+)\s*(?:\[([^\]]*)\]|(.*))", re.DOTALL)
-_COMMA = re.compile(r",(?![^\[]*\])")
-"""A comma, but not the one in the name of an array's element, A[1,2]."""
+_COMMA = re.compile(r",(?![^\[]*\])")  # A comma, but not the one in the name of an array's element, A[1,2]
 
 
 def knob_of(text: str) -> Knob:

@@ -22,8 +22,7 @@ from prefcal_env.wording import did_you_mean
 
 # --- Find a steady state of a plant, near the middle of the range of its inputs.
 
-_STEADY = 1e-7
-"""Largest movement in the time constant of the plant, relative to the size of the states."""
+_STEADY = 1e-7  # largest movement in the time constant of the plant, relative to the size of the states
 _DOUBLINGS = 60
 _STEPS, _PRECISE = 10, 1e-12
 """Largest number of Newton steps, and the size of the last one, relative to the states."""
@@ -192,12 +191,9 @@ def _inside(plant: Plant, x: X) -> bool:
 
 # --- What limits the control of a linear process: its gain, lags, dead time and unstable parts.
 
-_INTEGRATES = 1e-6
-"""A pole this small relative to the largest one integrates."""
-_ROUNDING = 1e-12
-"""Rounding spreads k equal poles over a circle whose radius is the k-th root of about this."""
-_AT_ZERO = 1e-3
-"""Magnitude below which a discrete pole counts as one at 0."""
+_INTEGRATES = 1e-6  # A pole this small relative to the largest one integrates
+_ROUNDING = 1e-12  # rounding spreads k equal poles over a circle whose radius is the k-th root of about this
+_AT_ZERO = 1e-3  # magnitude below which a discrete pole counts as one at 0
 
 
 def process_of(J: LinearSystem, delay: float = 0.0) -> ProcessModel:
@@ -295,14 +291,10 @@ def _zeros(M: LinearSystem) -> Complex[np.ndarray, " k"]:
 
 SAMPLES = 5
 """Samples in the effective dead time or the shortest time constant that matters."""
-_SHARE = 0.2
-"""Share of the input's range that a default step needs at rest."""
-_PATIENCE = 2.2
-"""Duration of a phase, in the time that the tuning in the middle takes to settle."""
-_MOST = 1200
-"""Largest number of samples in an experiment."""
-_SETTLED = 0.02
-"""Band of a step of 1 in which the tuning in the middle counts as settled."""
+_SHARE = 0.2  # share of the input's range that a default step needs at rest
+_PATIENCE = 2.2  # duration of a phase, in the time that the tuning in the middle takes to settle
+_MOST = 1200  # largest number of samples in an experiment
+_SETTLED = 0.02  # band of a step of 1 in which the tuning in the middle counts as settled
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -23,8 +23,7 @@ from .steps import plant_of, scenario_of_steps, space_of, theta_of
 
 _TIMES = (5, 10, 20, 50, 100, 200)
 """Ratios of the weights of error and integrated error to try, as times, in samples."""
-_REACH = 30.0
-"""Ratio of the end of a weight's range to its middle."""
+_REACH = 30.0  # ratio of the end of a weight's range to its middle
 _ABOUT = {
     "Q_y": "Weight of the error, as a share of the step: a larger one reacts more strongly.",
     "Q_i": "Weight of the integrated error: a larger one removes lasting errors sooner.",

@@ -31,8 +31,7 @@ from .description import KNOB_EXAMPLE, Description, description_of, ranged_knob,
 
 # --- Load the plant that a file, the command line or a study names: model.py:plant.
 
-_PARTS = ("f", "g", "hold", "jacobians", "states", "inputs", "outputs")
-"""What every plant has."""
+_PARTS = ("f", "g", "hold", "jacobians", "states", "inputs", "outputs")  # what every plant has
 _KINDS = (
     f"a prefcal plant (FunctionPlant, Plant.of), a system of {LIBRARIES}, or a tuple of matrices (A, B, C, D)"
 )

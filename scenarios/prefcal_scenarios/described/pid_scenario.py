@@ -19,10 +19,8 @@ from .steps import plant_of, scenario_of_steps, space_of, theta_of
 
 N = 10.0
 """Filter of the derivative part: its largest gain relative to K_p."""
-_FARTHEST = 6.0
-"""Largest ratio of a rule's gain or integral time to those of the robust tuning."""
-_REACH = 5.0
-"""Least ratio of the end of a range to its middle."""
+_FARTHEST = 6.0  # largest ratio of a rule's gain or integral time to those of the robust tuning
+_REACH = 5.0  # least ratio of the end of a range to its middle
 _ABOUT = {
     "K_p": "Gain: a larger one reacts more strongly to errors and to noise.",
     "T_i": "Integral time: a shorter one removes lasting errors sooner, but may oscillate.",

@@ -25,10 +25,8 @@ from .design import Design, Single
 
 # --- KPIs of loops: steps of the references, then loads on the inputs.
 
-_BAND = 0.05
-"""Band of settling and recovery, as a share of the step."""
-_ROBUST = 2.0
-"""Largest sensitivity peak that is usual: a gain margin of 2 and a phase margin of 29 degrees."""
+_BAND = 0.05  # band of settling and recovery, as a share of the step
+_ROBUST = 2.0  # largest sensitivity peak that is usual: a gain margin of 2 and a phase margin of 29 degrees
 
 
 class Laws(Protocol):
@@ -148,8 +146,7 @@ def _lower(name: str, title: str, unit: str, about: str, **more: Any) -> KPI:
 
 # --- Make the scenario of a plant whose references step one after the other, then loads act.
 
-_AWAY = 10.0
-"""Distance from the start, in steps, at which an output has run away."""
+_AWAY = 10.0  # distance from the start, in steps, at which an output has run away
 
 
 def plant_of(plant: Any, horizon: float | None) -> Plant:

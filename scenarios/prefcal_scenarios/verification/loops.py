@@ -46,8 +46,7 @@ from .plants import (
 
 # --- What varies in a closed loop of any plant and controller.
 
-_WEAR = (-0.5, 1.0)
-"""Relative change of noise."""
+_WEAR = (-0.5, 1.0)  # relative change of noise
 _NOISE, _GRAIN, _PLAY, _OFFSET = 0.002, 0.005, 0.005, 0.1
 """Largest noise of sensors without any, and resolution, as shares of the largest step; half backlash
 of actuators, as a share of the range; change of the operating point, as a share of the step."""
@@ -264,8 +263,7 @@ class Worn:
 
 # --- What varies in the closed loops that come with prefcal.
 
-_ROOM = 2.0
-"""Distance of a limit from start and targets, in steps, that leaves room for other references."""
+_ROOM = 2.0  # distance of a limit from start and targets, in steps, that leaves room for other references
 
 
 def of_loop(loop: Loop, space: KnobSpace) -> Subject:

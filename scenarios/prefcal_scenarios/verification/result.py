@@ -228,8 +228,7 @@ EFFECTS = 4
 """Number of factors that people are shown, those that hurt most."""
 FILE, BEST = "verification.json", "best.json"
 """Names of the files of a verification and of its tuning, in one folder."""
-_NAMED = 6
-"""Number of values of a run that are named."""
+_NAMED = 6  # number of values of a run that are named
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,8 +28,7 @@ from .result import Robustness, Verification, VerifiedRun, problems_of
 
 STEPS = (2, 8, 32, 100, 300)
 """Numbers of runs after which those of a candidate end that has not kept the limits."""
-_PLANT = ("parameter", "dead time")
-"""Kinds of factors that vary, in their usual ranges."""
+_PLANT = ("parameter", "dead time")  # kinds of factors that vary, in their usual ranges
 _APART = 2**40
 """Distance of the seed of the variations: `verify` draws others, so that it can judge what is found."""
 Theta = Float[np.ndarray, " n"]
@@ -111,8 +110,7 @@ def _first_bad(reading: Reading, nominal: Outcome, runs: Sequence[Outcome]) -> i
 
 RUNS = 299
 """Runs that, if all are good, show with 95 % confidence that less than 1 % are not."""
-_QUICK = 2.0
-"""Seconds of simulation that are not worth starting other processes."""
+_QUICK = 2.0  # seconds of simulation that are not worth starting other processes
 
 
 def verify(

@@ -19,12 +19,9 @@ from prefcal_scenarios.described.description import Description
 from prefcal_scenarios.scenario import Scenario
 from prefcal_scenarios.verification.plants import CHANGE, Factor, Subject, Values
 
-_SHOWN = 8
-"""Number of outputs that are shown at most if none is named."""
-_QUICK = 0.05
-"""Longest simulation in seconds of an FMU of which many are simulated unseen."""
-_PROBED = 2.0
-"""Time limit of the simulation that is timed, in seconds."""
+_SHOWN = 8  # number of outputs that are shown at most if none is named
+_QUICK = 0.05  # longest simulation in seconds of an FMU of which many are simulated unseen
+_PROBED = 2.0  # time limit of the simulation that is timed, in seconds
 _ACTUATORS = re.compile(
     r"u\d*|mv|cmd|command|control|valve|heater|heating|pump|throttle|actuator|torque|voltage"
     r"|force|duty|input|manipulated|steering|brake"

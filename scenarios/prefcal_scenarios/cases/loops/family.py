@@ -465,8 +465,7 @@ def distillation(vary: Vary = nominal) -> Loop:
     )
 
 
-_COLD, _ROOM = 5.0, 18.0
-"""Outdoor and room temperature at the start, °C."""
+_COLD, _ROOM = 5.0, 18.0  # outdoor and room temperature at the start, °C
 
 
 def building(vary: Vary = nominal) -> Loop:

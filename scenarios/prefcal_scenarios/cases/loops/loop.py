@@ -124,8 +124,7 @@ def _row(values: KnobValues, suffix: str, sign: float, output: tuple[float, floa
 
 # --- KPIs of a closed loop: a step of the reference, then a disturbance.
 
-_BAND = 0.05
-"""Band of the settling time, as a share of the step."""
+_BAND = 0.05  # band of the settling time, as a share of the step
 
 
 _TEXTS = {

@@ -506,8 +506,7 @@ def rhs(kind, p, x, u, d):  # type: ignore[no-untyped-def]
 # --- A plant of the loops: parameters with a compiled right-hand side, as a plant of `prefcal_env`.
 
 carray: Any = numba.carray  # type: ignore[attr-defined]
-_HEAD = 6
-"""Numbers before the indices of the measured states in the parameters of the C functions."""
+_HEAD = 6  # numbers before the indices of the measured states in the parameters of the C functions
 
 
 @dataclass(frozen=True)

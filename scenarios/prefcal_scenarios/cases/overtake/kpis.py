@@ -28,8 +28,7 @@ from .controller import mpc_settings
 
 # --- Read phases, obstacles and distances from the signals of an overtaking experiment.
 
-_HOME = 0.1
-"""|y_f| at which the car is back in its lane [m]."""
+_HOME = 0.1  # |y_f| at which the car is back in its lane [m]
 
 
 def phases(experiment: Experiment) -> Int[np.ndarray, " K"]:
@@ -116,8 +115,7 @@ _BUILDING, _SOLVING = 4.9e8 / SLOWER, 2.2e10 / SLOWER  # operations per second
 
 N_X, N_U, N_Y = 3, 2, 3
 """Numbers of states, inputs and outputs of the bicycle."""
-_PRODUCTS = 20
-"""Matrix products in one exact discretization: the series and some squarings."""
+_PRODUCTS = 20  # matrix products in one exact discretization: the series and some squarings
 
 
 def problem_size(settings: MPCSettings) -> tuple[int, int]:
