@@ -45,7 +45,8 @@ def test_a_study_by_options_alone_is_reported_by_naming_its_plant(prefcal, done,
 
 
 def test_a_plant_is_refused_where_there_is_none(prefcal, done, refused):
-    words = ["calibrate", "servo", "--cost", "error", "--agent", "random", "--n-max", "2"]
+    words = ["calibrate", "servo", "--calibrator", "synthetic", "--cost", "error"]
+    words += ["--agent", "random", "--n-max", "2"]
     done(*words, "--study", "a.prefcal", "--out", "out")
     assert "has no plant of its own: leave --plant out" in refused(
         "report", "a.prefcal", "--plant", "model.py:plant"
