@@ -350,7 +350,7 @@ class Unpaced:
 
 
 def test_a_controller_that_forgets_the_move_is_told_so():
-    words = r"controller Forgetful \(test_rollout.py:\d+\) must return a prefcal_env.Move, got nd"
+    words = r"controller Forgetful \(test_experiment.py:\d+\) must return a prefcal_env.Move, got nd"
     with pytest.raises(SettingsError, match=words):
         rollout(tank_env(), Forgetful(1.0), THETA)
 
