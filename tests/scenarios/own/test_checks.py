@@ -1,8 +1,6 @@
-"""Scenarios of people's files: loaded, checked, and known by a fingerprint."""
+"""What does not fit is refused when a scenario loads, or by its first experiment, in words."""
 
-import logging
 import re
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -14,54 +12,9 @@ from prefcal_env import Channel, Channels, ClosedLoop, End, Knob, KnobSpace, Mov
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.panels import Panel
 from prefcal_env.plants import FunctionPlant
-from prefcal_scenarios import own
-from prefcal_scenarios.own import SAYS, fingerprint, fingerprint_of_code, module_at
 from prefcal_scenarios.scenario import KPI, Scenario, check_experiment
 from support.interviews import begin, proceed, reopened
 from toy_study import toy_scenario
-
-
-@pytest.fixture
-def said(monkeypatch):
-    """What is said while a file loads; it is said soon."""
-    words = []
-    listener = logging.Handler(logging.INFO)
-    listener.emit = lambda record: words.append(record.getMessage())
-    monkeypatch.setattr(SAYS, "handlers", [listener])
-    monkeypatch.setattr(own, "_SOON", 0.3)
-    SAYS.setLevel(logging.INFO)
-    yield words
-    SAYS.setLevel(logging.NOTSET)
-
-
-def test_a_file_that_takes_long_to_load_is_named_with_its_line(tmp_path, said):
-    path = tmp_path / "own.py"
-    path.write_text("import time\ntime.sleep(1.5)\n")
-    module_at(path)
-    (words,) = said
-    assert "loading own.py takes a while, it is in own.py:2: time.sleep(1.5)" in words
-
-
-def test_nothing_is_said_of_a_file_that_loads_quickly(tmp_path, said):
-    path = tmp_path / "own.py"
-    path.write_text("x = 1\n")
-    assert module_at(path).x == 1
-    assert said == []
-
-
-@pytest.mark.parametrize(
-    ("line", "words"),
-    [
-        ("sys.exit(4)", r"SystemExit: 4 \(line 2\), in own.py:2: sys.exit\(4\)"),
-        ("raise GeneratorExit", r"GeneratorExit: +\(line 2\)"),
-    ],
-)
-def test_a_file_that_ends_the_program_is_an_error_with_its_line(tmp_path, line, words):
-    path = tmp_path / "own.py"
-    path.write_text(f"import sys\n{line}\n")
-    with pytest.raises(ScenarioError, match=r"cannot load .*own.py': " + words):
-        module_at(path)
-
 
 TOY = toy_scenario()
 MIDDLE = np.array([0.875, 22.0, 1.0])
@@ -96,7 +49,7 @@ class Broken(Constant):
         return Move(np.array([measurement.x[7]]))  # there are two
 
 
-def own_scenario(controller=Constant, kpi_function=None, run=None, **parts):
+def own(controller=Constant, kpi_function=None, run=None, **parts):
     loop = ClosedLoop(PlantEnv(PLANT, TASK), controller, kpi_function)
     return Scenario("own", "Own", KnobSpace([Knob("K", 0, 1)]), run or loop, **parts)
 
@@ -133,11 +86,11 @@ def settled(experiment):
 )
 def test_what_is_known_without_a_run_is_refused_when_the_scenario_is_made(parts, words):
     with pytest.raises(ScenarioError, match=words):
-        own_scenario(**parts)
+        own(**parts)
 
 
 def test_a_scenario_that_fits_its_run_is_made():
-    made = own_scenario(panels=[Panel("y0"), Panel("beam angle", "x"), Panel("motor")])
+    made = own(panels=[Panel("y0"), Panel("beam angle", "x"), Panel("motor")])
     e = made.run(np.array([0.5]))
     assert check_experiment(made, e.theta, e) is e
     y0, beam, motor = (panel.plot(e).values(e) for panel in made.panels)
@@ -188,7 +141,7 @@ def test_the_first_run_shows_what_does_not_fit_and_the_page_says_so(change, word
     controller = change.get("controller", Constant)
     run = change.get("run") or hidden(controller, change.get("kpi_function"))
     parts = {name: value for name, value in change.items() if name in ("panels", "kpis")}
-    interview = begin(own_scenario(run=run, **parts))
+    interview = begin(own(run=run, **parts))
     now = proceed(interview)
     assert now.phase is Phase.FAILED
     assert re.search(words, now_view(interview)["problem"])
@@ -250,63 +203,3 @@ def test_nothing_runs_unseen_on_a_rig():
     rig = Rig(channels=Channels(x=(Channel("level", "m"),), u=(), y=(Channel("level", "m"),)), y_ref=(1.0,))
     with pytest.raises(ScenarioError, match="simulated must be False for a rig"):
         replace(TOY, run=rig, panels=(), kpis=(), simulated=True)
-
-
-MODEL = "import gains_of_test\nTABLE = 'table.csv'\nmodel = 3\n"
-
-
-@pytest.fixture
-def model(tmp_path, monkeypatch):
-    """A loaded file that imports another one and names a table."""
-    for name, text in {"model_of_test": MODEL, "gains_of_test": "K = 2\n"}.items():
-        (tmp_path / f"{name}.py").write_text(text)
-    (tmp_path / "table.csv").write_text("1,2\n")
-    module_at(tmp_path / "model_of_test.py")
-    yield tmp_path
-    for name in ("model_of_test", "gains_of_test"):
-        sys.modules.pop(name, None)
-
-
-@pytest.mark.parametrize("file", ["model_of_test.py", "gains_of_test.py", "table.csv"])
-def test_it_changes_with_the_file_what_that_imports_and_the_tables_it_names(model, file):
-    before = fingerprint_of_code()
-    assert before == fingerprint_of_code()
-    path = model / file
-    path.write_text(path.read_text() + "\n")
-    assert fingerprint_of_code() != before
-
-
-def test_other_files_and_installed_modules_do_not_change_it(model):
-    before = fingerprint_of_code()
-    (model / "results.csv").write_text("3,4\n")
-    import colorsys  # noqa: F401
-
-    assert fingerprint_of_code() == before
-
-
-def test_a_fingerprint_follows_content_name_and_configuration_but_not_the_place(tmp_path):
-    for folder in ("here", "there"):
-        (tmp_path / folder).mkdir()
-        (tmp_path / folder / "own.py").write_text("plant = 1\n")
-    here, there = (f"{tmp_path / folder / 'own.py'}:plant" for folder in ("here", "there"))
-    before = fingerprint(here)
-    assert len(before) == 16
-    assert int(before, 16) >= 0
-    assert fingerprint(there) == before
-    assert fingerprint(f"{here[: -len('plant')]}other") != before
-    (tmp_path / "there" / "own.py").write_text("plant = 2\n")
-    assert fingerprint(there) != before
-    built_in = {fingerprint(name) for name in ("cstr", "overtake", 'overtake {"lanes_count": 3}')}
-    assert len(built_in) == 3
-    ordered = fingerprint('overtake {"lanes_count": 3, "duration": 20}')
-    assert fingerprint('overtake {"duration": 20, "lanes_count": 3}') == ordered
-
-
-def test_a_fingerprint_follows_the_files_that_a_configuration_or_a_toml_file_names(tmp_path):
-    plant, toml = tmp_path / "model.py", tmp_path / "tank.toml"
-    plant.write_text("plant = 1\n")
-    toml.write_text('controller = "pid"\nplant = "model.py:plant"\n')
-    sources = (str(toml), 'pid {"plant": "' + f"{plant}:plant" + '"}')
-    before = [fingerprint(source) for source in sources]
-    plant.write_text("plant = 2\n")
-    assert [a == b for a, b in zip(before, map(fingerprint, sources), strict=True)] == [False] * 2
