@@ -136,7 +136,8 @@ class Checkup:
     def _run(self) -> Iterator[Finding]:
         start, source = time.perf_counter(), self.scenario.source
         run = source.begin(self.theta.copy(), seed=0)
-        if run.waits:
+        result: object = None if run.waits else run.advance()
+        if run.waits:  # a live plant waits only once it has been looked at
             self.experiment = source.example(self.theta)
             if self.experiment is None:
                 yield from _asked(source, run)
@@ -144,7 +145,6 @@ class Checkup:
             else:
                 yield Finding("run", None, "only you can run this rig: a made-up record is checked")
             return
-        result: object = run.advance()
         took = time.perf_counter() - start
         experiment = self.experiment = returned(result)
         self.scenario = with_found_kpis(self.scenario, experiment)
