@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Float
 
 from .errors import PlantError, PrefcalError, SettingsError
-from .knobs import is_number
 
 
 def is_integer(value: object, low: float = -np.inf) -> bool:
@@ -20,6 +19,11 @@ def integer(name: str, value: Any, *, low: int, error: type[PrefcalError] = Sett
     """Raise `error` unless `value` is an integer, `low` or more."""
     if not is_integer(value, low):
         raise error(f"{name} must be an integer, {low} or more, got {value!r}")
+
+
+def is_number(value: object) -> bool:
+    """Return whether `value` is a number of Python or numpy; booleans are not numbers."""
+    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
 
 
 def number(

@@ -8,6 +8,8 @@ from typing import Any, Literal, get_args
 import numpy as np
 from jaxtyping import Bool, Float
 
+from prefcal_env.arrays import is_number
+
 from .errors import KnobError
 
 
@@ -193,11 +195,6 @@ class Knob:
         for end in (self.low, self.high):
             near = np.where(np.abs(end - values) < np.abs(near - values), end, near)
         return np.asarray(near)
-
-
-def is_number(value: object) -> bool:
-    """Return whether `value` is a number of Python or numpy; booleans are not numbers."""
-    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
 
 
 def too_close(low: float, high: float, *, integer: bool) -> bool:

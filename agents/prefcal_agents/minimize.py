@@ -149,8 +149,7 @@ def minimize_by_preference(
     make = _maker(agent, simulates=simulate is not None)
     study = make(space, n_init=n_init, n_max=n_max, seed=seed, **options)
     answer = partial(_answer, prefer, None if twin is None else study)
-    loop = ask_and_tell(study, run or np.copy, answer, at_once=at_once, executor=executor)
-    steps = list(loop)
+    steps = list(ask_and_tell(study, run or np.copy, answer, at_once=at_once, executor=executor))
     samples = [step.query.challenger.theta for step in steps if not step.query.further]
     answers = tuple(step.answer for step in steps if step.answer is not None)
     bank = getattr(study, "bank", None)

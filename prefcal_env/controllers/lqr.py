@@ -8,10 +8,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import solve_discrete_are
 
-from prefcal_env.arrays import vector, weights
+from prefcal_env.arrays import is_number, vector, weights
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Measurement, Move
-from prefcal_env.knobs import is_number
 from prefcal_env.plants.plant import Plant
 from prefcal_env.plants.systems import held
 

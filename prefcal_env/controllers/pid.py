@@ -7,9 +7,9 @@ from typing import Any, Self
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.arrays import is_number
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Measurement, Move
-from prefcal_env.knobs import is_number
 from prefcal_env.plants.plant import Plant
 from prefcal_env.plants.systems import LinearSystem
 

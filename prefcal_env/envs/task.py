@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Real
 
-from prefcal_env.arrays import numbers
+from prefcal_env.arrays import is_number, numbers
 from prefcal_env.errors import SettingsError
-from prefcal_env.knobs import is_number
 
 Values = Sequence[float] | np.ndarray
 """The n values of a signal."""

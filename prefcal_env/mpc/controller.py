@@ -7,10 +7,9 @@ from typing import Any, Literal, get_args
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.arrays import vector, weights
+from prefcal_env.arrays import is_number, vector, weights
 from prefcal_env.errors import PlantError, SettingsError
 from prefcal_env.experiments.experiment import Measurement, Move
-from prefcal_env.knobs import is_number
 from prefcal_env.plants.plant import Plant, equations_of
 from prefcal_env.qp import QP, PIQPSolver, Tolerances
 

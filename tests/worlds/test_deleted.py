@@ -185,7 +185,7 @@ def test_a_module_that_names_it_is_found(tmp_path, name, text):
 
 def test_a_module_that_imports_it_breaks_without_it(tmp_path):
     folder = without("casadi", tmp_path)
-    (folder / "prefcal_env" / "own_line.py").write_text("import prefcal_env.worlds.casadi\n")
+    (folder / "prefcal_env" / "wording.py").write_text("import prefcal_env.worlds.casadi\n")
     code, _, err = ran(folder, "import prefcal_env.wording")
     assert code == 1
     assert "No module named 'prefcal_env.worlds.casadi'" in err

@@ -8,12 +8,12 @@ from typing import Any, Literal, get_args
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.arrays import is_number
 from prefcal_env.controllers.margins import MarginKPIs, Margins
 from prefcal_env.envs.closed_loop import ClosedLoop
 from prefcal_env.envs.plant_env import delays_of
 from prefcal_env.errors import PlantError, SettingsError
 from prefcal_env.experiments.experiment import Channel
-from prefcal_env.knobs import is_number
 from prefcal_env.plants.jacobians import D, Jacobians, States, Times, U, X, Y
 from prefcal_env.plants.plant import Disturbed, Plant
 from prefcal_env.plants.systems import LinearPlant
