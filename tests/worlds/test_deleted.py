@@ -126,13 +126,6 @@ def test_all_else_works_and_asking_for_it_gives_one_clear_line(name, tmp_path):
         assert len(err.strip().splitlines()) == 1
 
 
-def test_a_linear_system_of_python_control_is_refused_without_its_world(tmp_path):
-    pytest.importorskip("control")
-    code = "import control\nfrom prefcal_env import Plant\nPlant.of(control.tf([1], [1, 1]))"
-    _, _, err = ran(without("control", tmp_path), code)
-    assert "a linear system must be a StateSpace or TransferFunction of scipy.signal" in err.splitlines()[-1]
-
-
 def named_in(path, package, name):
     """Lines of a file that import a world, or name its module in a string."""
     module = re.compile(rf"\bworlds[./]{name}\b")
