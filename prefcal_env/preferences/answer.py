@@ -12,11 +12,11 @@ from typing import Any, Generic, NamedTuple, Protocol, Self, TypeVar, final, run
 import numpy as np
 from jaxtyping import Float, Int
 
-from prefcal_env.arrays import integer
+from prefcal_env.arrays import integer, is_number
 from prefcal_env.errors import PreferenceError, RunError
 from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.experiments.kpis import as_read as as_read
-from prefcal_env.knobs import KnobSpace, is_number, theta_key
+from prefcal_env.knobs import KnobSpace, theta_key
 from prefcal_env.plain import from_plain, to_plain
 from prefcal_env.workers import ATTEMPTS
 

@@ -17,10 +17,11 @@ from typing import Any, final
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.arrays import is_number
 from prefcal_env.errors import KnobError, PlantError, RunError
 from prefcal_env.experiments.experiment import Channels, End, Experiment, KPIs
 from prefcal_env.experiments.kpis import tracking_kpis
-from prefcal_env.knobs import Knob, KnobSpace, is_number
+from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.tables.recorded import recorded
 from prefcal_env.workers import Terms, Worker
 

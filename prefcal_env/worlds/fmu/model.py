@@ -12,9 +12,10 @@ from xml.etree import ElementTree
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.arrays import is_number
 from prefcal_env.errors import KnobError, PlantError
 from prefcal_env.experiments.experiment import Channel
-from prefcal_env.knobs import Knob, is_number
+from prefcal_env.knobs import Knob
 from prefcal_env.optional import world
 from prefcal_env.wording import did_you_mean
 

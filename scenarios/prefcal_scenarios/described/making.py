@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from prefcal_env.arrays import is_number
 from prefcal_env.controllers.margins import MarginKPIs, margin_kpis
 from prefcal_env.controllers.stored import KINDS, from_data
 from prefcal_env.envs.closed_loop import ClosedLoop
@@ -16,7 +17,7 @@ from prefcal_env.errors import KnobError, PlantError, ScenarioError
 from prefcal_env.experiments.experiment import Channel, Channels, Controller
 from prefcal_env.experiments.kpis import every_tracking_kpi
 from prefcal_env.experiments.panels import Panel, plots_of
-from prefcal_env.knobs import Knob, KnobSpace, is_number
+from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.optional import ENDINGS, WORLDS
 from prefcal_env.plain import Keys
 from prefcal_env.plants.systems import LIBRARIES

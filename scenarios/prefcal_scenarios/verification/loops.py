@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.arrays import is_number
 from prefcal_env.controllers.margins import Margins, margins
 from prefcal_env.envs.closed_loop import ClosedLoop, ControllerFactory
 from prefcal_env.envs.cstr import cstr_env
@@ -18,7 +19,7 @@ from prefcal_env.envs.task import Signal, StepSignal, Task
 from prefcal_env.errors import PlantError, ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import Channel, Controller, Experiment, Measurement, Move
 from prefcal_env.jit import kernel
-from prefcal_env.knobs import KnobSpace, is_number
+from prefcal_env.knobs import KnobSpace
 from prefcal_env.optional import world_of
 from prefcal_env.plants.jacobians import U, X, Y
 from prefcal_env.plants.plant import Plant
