@@ -26,17 +26,7 @@ FOLDERS = {
     "prefcal_app": ROOT / "app" / "prefcal_app",
 }
 MAY_IMPORT = {name: list(FOLDERS)[:number] for number, name in enumerate(FOLDERS)}
-AGENTS_MAY_USE = (
-    "errors",
-    "optional",
-    "knobs",
-    "preferences",
-    "qp",
-    "plain",
-    "on_first_use",
-    "arrays",
-    "wording",
-)
+AGENTS_MAY_USE = ("errors", "optional", "knobs", "preferences", "qp", "plain", "on_first_use", "arrays")
 
 LAYERS = {
     "prefcal_env": (

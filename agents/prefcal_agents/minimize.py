@@ -15,7 +15,6 @@ from prefcal_env.arrays import integer
 from prefcal_env.errors import SettingsError, SimulationError
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.preferences.answer import Agent, Answer, Executor, Preference, ask_and_tell
-from prefcal_env.wording import labeled
 
 from .agent import Start
 from .people import Bank
@@ -154,7 +153,7 @@ def minimize_by_preference(
     answers = tuple(step.answer for step in steps if step.answer is not None)
     bank = getattr(study, "bank", None)
     simulated = bank if isinstance(bank, Bank) else None
-    knobs = tuple(labeled(knob.name, "" if knob.unit == "-" else knob.unit) for knob in space)
+    knobs = tuple(f"{k.name} [{k.unit}]" if k.unit not in ("", "-") else k.name for k in space)
     return Minimum(np.array(study.best), np.array(samples), answers, simulated, knobs)
 
 
