@@ -27,7 +27,7 @@ class StepSearch(Agent):
 
 
 if __name__ == "__main__":
-    from prefcal_scenarios.cases.functions import FUNCTIONS
+    from prefcal_bench.problems.functions import FUNCTIONS
 
     camel = FUNCTIONS["camel"]
     agent = StepSearch(camel.space, n_max=50, seed=0)

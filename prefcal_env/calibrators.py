@@ -1,7 +1,7 @@
 """Calibrators: a person, a latent cost with its errors, and a list of priorities."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -10,7 +10,7 @@ from jaxtyping import Float
 from .arrays import integer, number
 from .errors import SettingsError
 from .experiments.experiment import Experiment
-from .preferences.answer import Answer, Calibrator, Preference
+from .preferences.answer import Answer, Preference
 
 
 @dataclass
@@ -63,7 +63,7 @@ def _turned(answer: Answer) -> Answer:
     )
 
 
-# --- Calibrators that judge by a cost, and their errors: noise, or a share of wrong answers.
+# --- A calibrator that judges by a cost, and its errors.
 
 
 @runtime_checkable
@@ -112,42 +112,6 @@ class BradleyTerry:
     def draw(self, generator: np.random.Generator) -> float:
         """Return one error of a difference of costs, in the unit of the cost."""
         return float(generator.logistic(scale=self.scale))
-
-
-@dataclass(frozen=True, slots=True)
-class Flipping:
-    """A calibrator that flips another calibrator's answer in a share of the cases.
-
-    Which answers are wrong depends only on `seed` and the two θ: if the question is repeated or
-    asked the other way round, the mistake is the same. Ties and abstentions never change.
-
-    Args:
-        calibrator: Calibrator whose answers are flipped; what it compares must have a `theta`.
-        share: Share of wrong answers, from 0 to 1.
-        seed: Seed that decides which answers are wrong, 0 or more.
-
-    Raises:
-        SettingsError: If the share is outside [0, 1].
-    """
-
-    calibrator: Calibrator[Any]
-    share: float
-    seed: int
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.share <= 1:
-            raise SettingsError(f"share must be in [0, 1], got {self.share!r}")
-
-    def prefer(self, challenger: Any, incumbent: Any) -> Answer | Preference | int | None:
-        """Return the calibrator's answer, or its opposite."""
-        verdict = self.calibrator.prefer(challenger, incumbent)
-        dice = generator_of_pair(self.seed, challenger.theta, incumbent.theta)
-        if verdict is None or dice.random() >= self.share:
-            return verdict
-        if not isinstance(verdict, Answer):
-            return Preference(-verdict)
-        preference = verdict.preference
-        return replace(verdict, preference=None if preference is None else Preference(-preference))
 
 
 def generator_of_pair(

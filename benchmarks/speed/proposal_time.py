@@ -19,9 +19,9 @@ from rich.progress import track
 
 from prefcal_agents import GLISp
 from prefcal_agents.agent import one_thread
+from prefcal_bench.problems.functions import FUNCTIONS
 from prefcal_bench.results.words import markdown
 from prefcal_env import Answer
-from prefcal_scenarios.cases.functions import FUNCTIONS
 
 REPEATS = 12  # validations and noise tests come once in ten
 KPIS = 8

@@ -16,10 +16,10 @@ import prefcal_scenarios
 from prefcal_agents import GLISp, Screening
 from prefcal_app.session import Choice
 from prefcal_app.view import now_view
-from prefcal_scenarios.cases.functions import FUNCTIONS
 from prefcal_scenarios.catalog import load
 
 from .interviews import begin, proceed
+from .latent import HARTMAN3
 
 AGENT = (prefcal_env, prefcal_agents)
 """The packages that a proposal takes."""
@@ -84,13 +84,12 @@ PROPOSALS = (
 
 def proposal(make: Callable[..., Any], experiment: int) -> Trace:
     """The trace of one proposal and its answer."""
-    function = FUNCTIONS["hartman3"]
-    agent = make(function.space, seed=0)
+    agent = make(HARTMAN3.space, seed=0)
 
     def ask_and_tell() -> None:
         query = agent.ask()
         new, best = query.challenger, query.incumbent
-        agent.tell(query, None if best is None else function.prefer(new.theta, best.theta))
+        agent.tell(query, None if best is None else HARTMAN3.prefer(new.theta, best.theta))
 
     for _ in range(experiment - 1):
         ask_and_tell()

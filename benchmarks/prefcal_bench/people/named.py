@@ -6,8 +6,8 @@ from functools import partial
 
 import numpy as np
 
+from prefcal_bench.people.flipping import Flipping
 from prefcal_env.arrays import integer
-from prefcal_env.calibrators import Flipping
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.preferences.answer import Calibrator, Preference

@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_bench.people import VERSION, fingerprint
+from prefcal_bench.problems.functions import TestFunction
 from prefcal_env.calibrators import LatentCost
 from prefcal_env.errors import SettingsError
-from prefcal_scenarios.cases.functions import TestFunction
 from prefcal_scenarios.runs import outcome
 from prefcal_scenarios.scenario import Scenario
 

@@ -8,9 +8,9 @@ from functools import cache
 from pathlib import Path
 
 from prefcal_bench.people import TASTES, VERSION
+from prefcal_bench.problems.functions import FUNCTIONS
 from prefcal_env.errors import ScenarioError, SettingsError
 from prefcal_env.wording import did_you_mean
-from prefcal_scenarios.cases.functions import FUNCTIONS
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.names import CLOSED_LOOPS, is_built_in
 from prefcal_scenarios.own import module_at

@@ -22,7 +22,7 @@ from prefcal_bench.people import (
     taste,
     worth,
 )
-from prefcal_env.calibrators import Flipping
+from prefcal_bench.people.flipping import Flipping
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs import KnobSpace

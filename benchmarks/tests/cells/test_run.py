@@ -9,7 +9,7 @@ from prefcal_bench.cells.cell import Cell
 from prefcal_bench.cells.roster import entry
 from prefcal_bench.cells.run import run_cell
 from prefcal_bench.problems import problem
-from prefcal_scenarios.cases.functions import FUNCTIONS
+from prefcal_bench.problems.functions import FUNCTIONS
 
 OWN = Path(__file__).parents[1] / "bench_support" / "agents.py"
 LOOP = f"{OWN.with_name('loop.py')}:SCENARIO"

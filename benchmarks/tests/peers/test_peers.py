@@ -12,9 +12,9 @@ from prefcal_bench.global_random import seeded
 from prefcal_bench.peers.botorch_agents import BOPE, EUBO
 from prefcal_bench.peers.optuna_agents import OptunaGP, OptunaPreferential, OptunaTPE
 from prefcal_bench.peers.reference import ReferenceGLIS, ReferenceGLISp
+from prefcal_bench.problems.functions import FUNCTIONS
 from prefcal_env.errors import MissingExtraError
 from prefcal_env.knobs import Knob, KnobSpace
-from prefcal_scenarios.cases.functions import FUNCTIONS
 
 PEERS = {**peers(), **peers(by_value=True)}
 

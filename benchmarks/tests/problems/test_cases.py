@@ -15,9 +15,9 @@ from prefcal_bench.problems import (
     prefer,
     problem,
 )
+from prefcal_bench.problems.functions import FUNCTIONS
 from prefcal_env.errors import SettingsError
 from prefcal_env.preferences.answer import Preference
-from prefcal_scenarios.cases.functions import FUNCTIONS
 
 BEST_KNOWN = Path(__file__).parents[2] / "checks" / "reactor_index.csv"
 EACH = pytest.mark.parametrize("name", [*FUNCTIONS, "cstr", GUIDELINES, "overtake"])

@@ -5,8 +5,8 @@ import pytest
 
 from prefcal_bench.people import TASTES, VERSION
 from prefcal_bench.problems import CALIBRATORS, GUIDELINES, NOISES, PROBLEMS, problem
+from prefcal_bench.problems.functions import FUNCTIONS
 from prefcal_env.errors import ScenarioError, SettingsError
-from prefcal_scenarios.cases.functions import FUNCTIONS
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.names import CLOSED_LOOPS
 

@@ -8,14 +8,13 @@ from prefcal_agents.lessons import Marks
 from prefcal_agents.search import Penalized, Penalty, SafetyModel, unsafe_penalty
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preferences.answer import Answer, Mark
-from prefcal_scenarios.cases.functions import FUNCTIONS
 from support.histories import studied
+from support.latent import CAMEL
 from support.studies import drive
 
 NEW, OLD = Mark.CHALLENGER_UNSAFE, Mark.INCUMBENT_UNSAFE
 NEW_GOOD, OLD_GOOD = Mark.CHALLENGER_GOOD_ENOUGH, Mark.INCUMBENT_GOOD_ENOUGH
 SQUARE = KnobSpace([Knob("a", -2.0, 2.0), Knob("b", -1.0, 1.0)])
-CAMEL = FUNCTIONS["camel"]
 SAMPLES = np.random.default_rng(0).random((9, 3))
 points = st.tuples(*[st.floats(0, 1)] * 3).map(np.array)
 

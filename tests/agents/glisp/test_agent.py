@@ -14,11 +14,10 @@ from prefcal_env.errors import KnobError, SettingsError
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.history import Comparison, History
-from prefcal_scenarios.cases.functions import FUNCTIONS
+from support.latent import CAMEL
 from support.studies import by, drive
 
 SQUARE = KnobSpace([Knob("a", -2.0, 2.0), Knob("b", -1.0, 1.0)])
-CAMEL = FUNCTIONS["camel"]
 
 
 def study(count=14, **options):

@@ -1,7 +1,6 @@
 """Every calibrator keeps the contract; what each does on top of it."""
 
 import re
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,7 +8,7 @@ import pytest
 
 from contracts.calibrators import calibrator_contract
 from prefcal_env import HumanCalibrator
-from prefcal_env.calibrators import BradleyTerry, Criterion, Flipping, LatentCost, Lexicographic, Thurstone
+from prefcal_env.calibrators import BradleyTerry, Criterion, LatentCost, Lexicographic, Thurstone
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import End
 from prefcal_env.preferences.answer import Answer, Mark, Preference
@@ -21,7 +20,6 @@ SUBJECTS: dict[str, Any] = {
     "latent cost with a tie band": lambda: LatentCost(final_level, tie_band=0.1),
     "latent cost, Thurstone": lambda: LatentCost(final_level, noise=Thurstone(0.5), seed=3),
     "latent cost, Bradley-Terry": lambda: LatentCost(final_level, noise=BradleyTerry(0.5)),
-    "wrong in a fifth of the cases": lambda: Flipping(LatentCost(final_level), 0.2, seed=3),
     "a person": lambda: HumanCalibrator(LatentCost(final_level).prefer),
     "a person, sides shuffled": lambda: HumanCalibrator(LatentCost(final_level).prefer, shuffle=1),
     "lexicographic": lambda: Lexicographic([Criterion("level", final_level)]),
@@ -179,61 +177,6 @@ def test_noise_without_a_positive_scale_is_refused(value):
 def test_a_cost_that_is_no_number_is_refused(value):
     with pytest.raises(SettingsError, match=re.escape(f"got {value!r} at θ")):
         LatentCost(lambda e: value).prefer(LOW, HIGH)
-
-
-SURE = LatentCost(lambda one: one.cost)
-
-
-@dataclass(frozen=True)
-class Tried:
-    theta: np.ndarray
-    cost: float
-
-
-def tried(x, cost=None):
-    return Tried(np.array([x, 0.0]), float(x if cost is None else cost))
-
-
-class Says:
-    def __init__(self, verdict):
-        self.verdict = verdict
-
-    def prefer(self, challenger, incumbent):
-        return self.verdict
-
-
-@pytest.mark.parametrize("share", [0.1, 0.2])
-def test_that_share_of_the_answers_is_wrong(share):
-    rng = np.random.default_rng(0)
-    pairs = [(tried(a), tried(b)) for a, b in rng.random((4000, 2))]
-    judge = Flipping(SURE, share, seed=3)
-    wrong = np.mean([judge.prefer(*pair) != SURE.prefer(*pair) for pair in pairs])
-    assert wrong == pytest.approx(share, abs=0.02)  # 3 standard deviations: 0.014, 0.019
-
-
-def test_another_seed_makes_other_mistakes():
-    judge, other = (Flipping(SURE, 0.5, seed) for seed in (3, 4))
-    pairs = [(tried(a), tried(b)) for a, b in np.random.default_rng(1).random((60, 2))]
-    assert [judge.prefer(a, b) for a, b in pairs] != [other.prefer(a, b) for a, b in pairs]
-
-
-@pytest.mark.parametrize(
-    ("verdict", "flipped"),
-    [
-        (-1, Preference.INCUMBENT),
-        (Preference.TIE, Preference.TIE),
-        (None, None),
-        (Answer(1, strength=3), Answer(-1, strength=3)),
-    ],
-)
-def test_whatever_the_answer_its_opposite_is_given(verdict, flipped):
-    assert Flipping(Says(verdict), 1.0, seed=0).prefer(tried(1), tried(2)) == flipped
-
-
-@pytest.mark.parametrize("share", [-0.1, 1.1, np.nan])
-def test_an_impossible_share_says_so(share):
-    with pytest.raises(SettingsError, match="share"):
-        Flipping(SURE, share, seed=0)
 
 
 LEVEL = Criterion("level", final_level, just_noticeable=0.5)

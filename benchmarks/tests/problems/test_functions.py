@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from prefcal_scenarios.cases.functions import FUNCTIONS
+from prefcal_bench.problems.functions import FUNCTIONS
 
 EACH = pytest.mark.parametrize("function", FUNCTIONS.values(), ids=list(FUNCTIONS))
 
