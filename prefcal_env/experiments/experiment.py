@@ -44,12 +44,22 @@ Kind = tuple[str, str, str]
 """Name of a kind of KPI, its unit for a channel with {unit} and for {time}, and its meaning."""
 OF_OUTPUT: tuple[Kind, ...] = (
     ("integrated error", "{unit} {time}", "Area between the curve and its reference."),
-    ("late error", "{unit} {time}²", "Area between the curve and its reference, weighted with time."),
-    ("settling time", "{time}", "Time of the last entry into the band around the reference."),
-    ("overshoot", "{unit}", "Largest distance beyond the reference, on the other side than the start."),
+    (
+        "late error",
+        "{unit} {time}²",
+        "Area between the curve and its reference, weighted with the time since the latest change.",
+    ),
+    (
+        "settling time",
+        "{time}",
+        "Time from a change of the reference until the curve stays in the band around it.",
+    ),
+    ("overshoot", "{unit}", "Largest distance beyond the reference, on the other side than it comes from."),
     ("final error", "{unit}", "Distance from the reference at the end."),
+    ("lag", "{time}", "Time by which the curve trails a ramp of its reference."),
+    ("recovery time", "{time}", "Time from a load until the curve stays in the band around its reference."),
 )
-"""Kinds of each output with a reference, in the order in which `tracking_kpis` computes them."""
+"""Kinds of each output with a reference; the last two need a ramp and a load."""
 OF_INPUT: tuple[Kind, ...] = (
     ("total move", "{unit}", "Sum of all changes of the input: how much the actuator works."),
     ("largest move", "{unit}", "Largest change of the input from one instant to the next."),

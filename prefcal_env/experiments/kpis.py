@@ -12,7 +12,8 @@ from jaxtyping import Float
 from prefcal_env.errors import ScenarioError
 from prefcal_env.wording import did_you_mean
 
-from .experiment import OF_INPUT, OF_OUTPUT, Channel, Channels, Experiment, Kind, kinds_of
+from .events import Response
+from .experiment import OF_INPUT, OF_OUTPUT, Channel, Channels, Experiment, kinds_of
 from .panels import output_called, plot_called
 
 # --- Compute a KPI by a formula of a run's signals, such as "max(level) - ref(level)".
@@ -40,11 +41,11 @@ _NUMBERS: Mapping[str, Callable[..., Any]] = {
 }
 """Functions of the samples of a curve, shape (M,), that return a number."""
 _OVER_TIME: Mapping[str, Callable[..., Any]] = {
-    "integral": lambda x, dt: x @ dt,
-    "mean": lambda x, dt: x @ dt / dt.sum(),
-    "rms": lambda x, dt: np.sqrt(x**2 @ dt / dt.sum()),
+    "integral": lambda a, b, dt: (a + b) / 2 @ dt,
+    "mean": lambda a, b, dt: (a + b) / 2 @ dt / dt.sum(),
+    "rms": lambda a, b, dt: np.sqrt((a**2 + a * b + b**2) / 3 @ dt / dt.sum()),
 }
-"""Functions of values and how long each is held, shape (M,): until the next one, as in tracking_kpis."""
+"""Functions of lines from values a to b, each of shape (M,), and of their durations dt."""
 _CURVES: Mapping[str, Any] = {"abs": np.abs, "sqrt": np.sqrt, "diff": lambda x: np.diff(x, prepend=x[:1])}
 """Functions of a curve that return a curve of the same length."""
 _ALL = (*_NUMBERS, *_OVER_TIME)
@@ -57,6 +58,8 @@ class Formula:
 
     compute: Callable[[Experiment], Any]  # of one with a record: a number, or a curve of shape (K,)
     curve: bool = False  # whether it is a curve of a signal
+    # Whether its values in an experiment are held until the next one, as they are drawn
+    held: Callable[[Experiment], bool] = lambda run: True
     # Functions of channels and keys of signals that find what it names, or raise ScenarioError.
     names: tuple[Callable[[Channels, Collection[str]], Any], ...] = ()
 
@@ -96,14 +99,14 @@ def _read(node: ast.AST) -> Formula:
             constant = np.float64(number)  # unlike an int, a power of it cannot grow without limit
             return Formula(lambda run: constant)
         case ast.Name("time"):
-            return Formula(lambda run: run.t - run.t[0], True)
+            return Formula(lambda run: run.t - run.t[0], True, lambda run: False)
         case ast.Name(name) | ast.Constant(str(name)):
             find = partial(plot_called, name)
-            return Formula(lambda run: _values(name, run), True, (find,))
+            return Formula(lambda run: _values(name, run), True, lambda run: _is_held(name, run), (find,))
         case ast.Call(ast.Name("ref"), [ast.Name(name) | ast.Constant(str(name))], []):
             place = partial(output_called, name)
             # Beside a curve it is one, too; beside a number its last value counts.
-            return Formula(lambda run: run.reference(place(run.channels)), False, (place,))
+            return Formula(lambda run: run.reference(place(run.channels)), names=(place,))
         case ast.UnaryOp(op=op) | ast.BinOp(op=op) | ast.Compare(ops=[op]) if type(op) in _OPERATORS:
             operands = [_read(each) for each in ast.iter_child_nodes(node) if isinstance(each, ast.expr)]
             return _joined(_OPERATORS[type(op)], operands)
@@ -132,7 +135,7 @@ def _called(name: str, parts: Sequence[Formula], window: Mapping[str | None, For
     def compute(run: Experiment) -> Any:
         ends = {word: float(np.atleast_1d(end.compute(run))[-1]) for word, end in window.items()}
         span = ends.get("after", -np.inf), ends.get("before", np.inf)
-        return _in_window(name, parts[0].compute(run), run.t - run.t[0], *span)
+        return _in_window(name, parts[0].compute(run), run.t - run.t[0], *span, held=parts[0].held(run))
 
     return replace(_joined(np.add, [*parts, *window.values()]), compute=compute, curve=False)
 
@@ -144,19 +147,30 @@ def _values(name: str, run: Experiment) -> Any:
     return plot_called(name, run.channels, run.signals).values(run) if measured is None else measured
 
 
-def _in_window(name: str, x: Any, t: Any, after: float, before: float) -> Any:
-    """Return a function of curve x, shape (K,), at the instants t from `after` to `before`."""
+def _is_held(name: str, run: Experiment) -> bool:
+    """Return whether the values of a signal hold until the next one, as those of inputs do."""
+    outputs = [channel.name for channel in run.channels.y]
+    return name not in outputs and plot_called(name, run.channels, run.signals).held
+
+
+def _in_window(name: str, x: Any, t: Any, after: float, before: float, *, held: bool) -> Any:
+    """Return a function of curve x, shape (K,), at the instants t from `after` to `before`.
+
+    Over time the curve is as it is drawn: steps if its values are `held`, else lines.
+    """
     slack = 1e-9 * t[-1]  # by which an instant may miss the end of the window
     kept = (after - slack <= t) & (t <= before + slack)
-    if name in _OVER_TIME:
-        held = np.diff(np.clip(t, after, before))
-        counts = held > 0
-        if counts.any():
-            return _OVER_TIME[name](x[:-1][counts], held[counts])
-        if name == "integral":
-            return 0.0 if kept.any() else np.nan
-        return _OVER_TIME[name](x[kept][:1], np.ones(1)) if kept.any() else np.nan
-    return _NUMBERS[name](x[kept]) if kept.any() else np.nan
+    if name not in _OVER_TIME:
+        return _NUMBERS[name](x[kept]) if kept.any() else np.nan
+    ends = np.clip(t, after, before)
+    counts = np.diff(ends) > 0
+    if counts.any():
+        lines = np.interp(ends, t, x)
+        left, right = (x[:-1], x[:-1]) if held else (lines[:-1], lines[1:])
+        return _OVER_TIME[name](left[counts], right[counts], np.diff(ends)[counts])
+    if name == "integral":
+        return 0.0 if kept.any() else np.nan
+    return _OVER_TIME[name](x[kept][:1], x[kept][:1], np.ones(1)) if kept.any() else np.nan
 
 
 def _joined(function: Callable[..., Any], parts: Sequence[Formula]) -> Formula:
@@ -166,8 +180,11 @@ def _joined(function: Callable[..., Any], parts: Sequence[Formula]) -> Formula:
         first, *others = (part.compute(run) for part in parts)
         return np.asarray(reduce(function, others, first) if others else function(first), dtype=float)
 
+    def held(run: Experiment) -> bool:
+        return all(part.held(run) for part in parts)
+
     names = tuple(name for part in parts for name in part.names)
-    return Formula(compute, any(part.curve for part in parts), names)
+    return Formula(compute, any(part.curve for part in parts), held, names)
 
 
 def as_read(
@@ -299,72 +316,55 @@ class KPI:
 #
 # An agent learns which of them matter to a person (`Answer.outcomes`); none is a cost by itself.
 
-BAND = 0.03  # share of the largest error, for channels without a band
-
 
 def tracking_kpis(experiment: Experiment) -> dict[str, float]:
     """Return generic KPIs by name, lower is better, in the units of the experiment's channels.
 
-    For each recorded output with a reference (see `Experiment.output`): the integrated error, the
-    integrated error weighted with time, the time of the last entry into the band (3 % of the
-    largest error if the channel has none; infinite means never), the overshoot, and the final
-    error beyond a thousandth of the largest. For each input: the total, largest and root mean
-    square move. An experiment without a record has no KPIs.
+    For each recorded output with a reference (see `Experiment.output`), its events are found first
+    (see `events.Event`): a start away from the reference, steps and ramps of the reference, and
+    loads. The settling time and the overshoot are the worst of all starts and changes, the lag is
+    that of ramps, the recovery time that of loads; a record without such an event has neither of
+    the last two. The integrated error, that weighted with the time since the latest start or
+    change, and the final error beyond a thousandth of the largest are those of the whole record.
+    For each input: the total, largest and root mean square move. An experiment without a record
+    has no KPIs.
     """
     if len(experiment.t) < 2:
         return {}
     found: dict[str, float] = {}
-    for channel, error in _errors(experiment):
-        found |= _of_error(channel, experiment.t - experiment.t[0], error)
+    for channel, response in _responses(experiment):
+        found |= {f"{kind} of {channel.name}": value for kind, value in _of_response(response)}
     for j, channel in enumerate(experiment.channels.u):
         moves = np.abs(np.diff(experiment.u_control[:, j]))
         if len(moves):
             sizes = moves.sum(), moves.max(), np.sqrt(np.mean(moves**2))
-            found |= _named(OF_INPUT, channel, sizes)
+            kinds = (kind for kind, *_ in OF_INPUT)
+            found |= {f"{n} of {channel.name}": float(v) for n, v in zip(kinds, sizes, strict=True)}
     return found
 
 
-def _named(kinds: Sequence[Kind], channel: Channel, values: Iterable[float]) -> dict[str, float]:
-    """Return the values of a channel's kinds, in their order, by name."""
-    names = (f"{kind} of {channel.name}" for kind, *_ in kinds)
-    return {name: float(value) for name, value in zip(names, values, strict=True)}
-
-
-def _errors(experiment: Experiment) -> Iterator[tuple[Channel, Float[np.ndarray, " K"]]]:
-    """Yield channel and error of each output with a reference, on the dense grid."""
+def _responses(experiment: Experiment) -> Iterator[tuple[Channel, Response]]:
+    """Yield channel and response of each output with a reference, on the dense grid."""
     for j, channel in enumerate(experiment.channels.y):
         reference, curve = experiment.reference(j), experiment.output(j)
         if curve is not None and np.isfinite(reference).all() and np.isfinite(curve).all():
-            yield channel, np.asarray(curve - reference)
+            yield channel, Response.of(experiment.t, np.asarray(curve), reference, channel.band)
 
 
-def _of_error(
-    channel: Channel, t: Float[np.ndarray, " K"], error: Float[np.ndarray, " K"]
-) -> dict[str, float]:
-    dt, size = np.diff(t), np.abs(error)
-    largest = float(size.max())
-    # An overshoot lies on the other side of the reference than the start.
-    beyond = -np.sign(error[0]) * error if error[0] else size
-    values = (
-        size[:-1] @ dt,
-        (size * t)[:-1] @ dt,
-        entered(t, error, band_of(channel, error)),
-        max(beyond.max(), 0.0),
-        max(size[-1] - 1e-3 * largest, 0.0),  # less is invisible
-    )
-    return _named(OF_OUTPUT, channel, values)
-
-
-def band_of(channel: Channel, error: Float[np.ndarray, " K"]) -> float:
-    """Return the band in which an error counts as settled, in the channel's unit."""
-    return BAND * float(np.abs(error).max()) if channel.band is None else channel.band
-
-
-def entered(t: Float[np.ndarray, " K"], error: Float[np.ndarray, " K"], band: float) -> float:
-    """Return the instant of the last entry of an error into the band; infinite for never."""
-    outside = np.flatnonzero(np.abs(error) > band)
-    last = int(outside[-1]) if len(outside) else -1
-    return float(t[last + 1]) if last + 1 < len(t) else np.inf
+def _of_response(response: Response) -> Iterator[tuple[str, float]]:
+    """Yield kind and value of each KPI of an output, in the order of `OF_OUTPUT`."""
+    error, late = response.areas()
+    size = np.abs(response.y - response.r)
+    yield "integrated error", error
+    yield "late error", late
+    yield "settling time", max(map(response.settling_time, response.changes))
+    yield "overshoot", max(map(response.overshoot, response.changes))
+    yield "final error", max(float(size[-1] - 1e-3 * size.max()), 0.0)  # less is invisible
+    ramps = [event for event in response.events if event.kind == "ramp"]
+    if ramps:
+        yield "lag", max(map(response.lag, ramps))
+    if response.loads:
+        yield "recovery time", max(map(response.settling_time, response.loads))
 
 
 def every_tracking_kpi(channels: Channels) -> dict[str, KPI]:
@@ -387,7 +387,8 @@ def found_kpis(channels: Channels, measured: Iterable[str] | None = None) -> tup
     there = [n for n in every if measured is None or n in measured]
     if not any(name.startswith(tuple(kind for kind, *_ in OF_OUTPUT)) for name in there):
         return ()  # nothing is tracked: moves alone would ask for a controller that does nothing
-    kinds = ["settling time", "overshoot", "integrated error", "total move"]  # as they are shown
+    # As they are shown
+    kinds = ["settling time", "recovery time", "overshoot", "lag", "integrated error", "total move"]
     for kind in ("", "integrated error", "overshoot", "total move"):  # left out until people can read them
         kinds = [k for k in kinds if k != kind]
         names = [n for k in kinds for n in there if n.startswith(f"{k} of ")]

@@ -8,8 +8,9 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_app.view.question import Seen, pair_view
+from prefcal_env.experiments.events import BAND
 from prefcal_env.experiments.experiment import Channel, Channels, Experiment
-from prefcal_env.experiments.kpis import BAND, KPI, band_of, entered, every_tracking_kpi, tracking_kpis
+from prefcal_env.experiments.kpis import KPI, every_tracking_kpi, tracking_kpis
 from prefcal_env.experiments.panels import MEAN, Plot, by_maneuver, combined, named, plots_of
 from prefcal_env.tables.sheet import SECONDS
 
@@ -17,7 +18,9 @@ from prefcal_env.tables.sheet import SECONDS
 
 _KINDS = (
     "settling time",
+    "recovery time",
     "overshoot",
+    "lag",
     "integrated error",
     "final error",
     "late error",
@@ -26,10 +29,6 @@ _KINDS = (
     "RMS move",
 )
 """Kinds of tracking KPIs, the most telling ones first."""
-_SURE = 5.0  # standard deviations of a median over many values that fit into the band
-_LONGEST = 10  # largest number of samples of a median: the record by this number
-_FEW, _OPPOSITE = 40, -1 / 3  # number of samples, and correlation of neighbors, from which noise can be told
-_NORMAL = 1.4826  # standard deviation of normal noise, by the median of its size
 
 
 def measured_run(experiment: Experiment) -> tuple[Experiment, tuple[KPI, ...]]:
@@ -55,10 +54,8 @@ def _measured(experiment: Experiment) -> tuple[Experiment, tuple[KPI, ...]]:
     values = tracking_kpis(experiment)
     kpis = _tracking(experiment, values)
     for j, channel in enumerate(experiment.channels.y):
-        if (name := f"settling time of {channel.name}") in values:
-            values[name] = _settling_time(experiment, j)
-            kpis = [_within_band(kpi, channel) if kpi.name == name else kpi for kpi in kpis]
-    for j, channel in enumerate(experiment.channels.y):
+        timed = (f"settling time of {channel.name}", f"recovery time of {channel.name}")
+        kpis = [_within_band(kpi, channel) if kpi.name in timed else kpi for kpi in kpis]
         y = experiment.output(j)
         if y is None or f"integrated error of {channel.name}" in values:
             continue
@@ -69,44 +66,11 @@ def _measured(experiment: Experiment) -> tuple[Experiment, tuple[KPI, ...]]:
     return experiment.with_kpis(values), tuple(kpis)
 
 
-def _settling_time(experiment: Experiment, j: int) -> float:
-    """Return when output `j` entered its band for good; noise that leaves it does not count.
-
-    It is that of the running median over so many samples that noise stays in the band.
-    """
-    y = np.asarray(experiment.output(j))
-    t, error = experiment.t - experiment.t[0], y - experiment.reference(j)
-    band = band_of(experiment.channels.y[j], error)
-    wanted = (_SURE * _noise(t, y) / band) ** 2 if band > 0 else 0.0
-    half = int(min(wanted, len(t) / _LONGEST)) // 2
-    if half:
-        padded = np.pad(error, half, mode="reflect")
-        error = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1), axis=1)
-    return entered(t, error, band)
-
-
-def _noise(t: Float[np.ndarray, " K"], y: Float[np.ndarray, " K"]) -> float:
-    """Return the standard deviation of noise, from each value's distance to the line beside it.
-
-    Of the second half, where the transient is over. An oscillation is no noise: such distances of
-    neighbors are alike there, and opposite in noise (their correlation is -2/3).
-    """
-    if len(t) < _FEW:
-        return 0.0
-    t, y = t[len(t) // 2 :], y[len(t) // 2 :]
-    share = (t[1:-1] - t[:-2]) / (t[2:] - t[:-2])
-    line = (1 - share) * y[:-2] + share * y[2:]
-    size = np.sqrt(1 + share**2 + (1 - share) ** 2)
-    apart = (y[1:-1] - line) / size
-    opposite = apart[1:] @ apart[:-1] < _OPPOSITE * (apart @ apart)
-    return float(_NORMAL * np.median(np.abs(apart))) if opposite else 0.0
-
-
 def _within_band(kpi: KPI, channel: Channel) -> KPI:
     """Return the KPI of a settling time with its band in the title."""
     given = channel.band is not None
     band = f"{channel.band:g} {channel.unit}".rstrip() if given else f"{100 * BAND:g} %"
-    of = "" if given else ", a share of the largest error"
+    of = "" if given else ", a share of the change"
     about = f"{kpi.about} The band is ±{band}{of}; noise that leaves it does not count."
     return replace(kpi, title=f"{kpi.title} (±{band})", about=about)
 

@@ -13,8 +13,8 @@ from prefcal_env.envs.closed_loop import ClosedLoop
 from prefcal_env.envs.plant_env import PlantEnv
 from prefcal_env.envs.task import StepSignal, Task
 from prefcal_env.errors import ScenarioError
+from prefcal_env.experiments.events import entered
 from prefcal_env.experiments.experiment import Channel, Controller, Experiment
-from prefcal_env.experiments.kpis import entered
 from prefcal_env.experiments.panels import Panel
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.plants.plant import Disturbed, Plant

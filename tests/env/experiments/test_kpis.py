@@ -45,8 +45,8 @@ def run(level, valve=(0.0, 4.0, 1.0), reference=2.0, *, band=None, t=None, signa
 def test_a_curve_by_hand():
     kpis = tracking_kpis(run([6.0, 4.0, 1.0, 2.0, 2.0]))  # errors 4, 2, -1, 0, 0
     assert kpis == {
-        "integrated error of level": 7.0,
-        "late error of level": 4.0,  # 2 at 1 s, 1 at 2 s
+        "integrated error of level": pytest.approx(3 + 5 / 6 + 0.5),  # 2/3 s on one side, 1/3 s on the other
+        "late error of level": pytest.approx(0.5 * 3 + 1.5 * 5 / 6 + 2.5 * 0.5),
         "settling time of level": 3.0,
         "overshoot of level": 1.0,
         "final error of level": 0.0,
@@ -103,7 +103,7 @@ def test_without_a_record_or_with_holes_nothing_is_said():
 @given(arrays(float, st.integers(3, 12), elements=st.floats(-1e100, 1e100)))
 def test_every_kpi_is_a_number_that_is_not_negative(level):
     kpis = tracking_kpis(run(level))
-    assert len(kpis) == 8
+    assert len(kpis) in (8, 9)  # a load may be found
     assert all(value >= 0 for value in kpis.values())
 
 
@@ -131,7 +131,7 @@ def value(text):
         ("min(level, after=1, before=2)", SWINGING[10:21].min()),
         ("first(level) + 2 * last(level) - -1", 2 * SWINGING[-1] + 1),
         ("peak_to_peak('tank.T') / 3", np.ptp(SWINGING)),
-        ("mean(level)", SWINGING[:-1].mean()),
+        ("mean(level)", np.trapezoid(SWINGING, T) / 10),
         ("rms(valve) ** 2", (np.sin(T[:-1]) ** 2).mean()),
         ("sqrt(max(time))", np.sqrt(10)),
         ("integral(level > 2)", 0.1 * (SWINGING[:-1] > 2).sum()),
@@ -150,8 +150,6 @@ def test_a_formula_computes_what_it_says(text, expected):
 @pytest.mark.parametrize(
     ("name", "text"),
     [
-        ("integrated error of level", "integral(abs(level - ref(level)))"),
-        ("late error of level", "integral(time * abs(level - ref(level)))"),
         ("overshoot of level", "max(level) - ref(level)"),
         ("total move of valve", "sum(abs(diff(valve)))"),
         ("largest move of valve", "max(abs(diff(valve)))"),
@@ -294,10 +292,11 @@ FINE = recorded([1.0], np.arange(10) * 0.1, {"y": np.arange(10.0)})
         (COARSE, "mean(y, after=30)", 3.0),
         (COARSE, "mean(y, after=31)", np.nan),
         (FINE, "last(y, before=0.3)", 3.0),
-        (FINE, "integral(y, before=0.3)", 0.3),
+        (FINE, "integral(y, before=0.25)", 0.3125),  # a line from 0 to 2.5
+        (FINE, "rms(y, before=0.3) ** 2", 3.0),
     ],
 )
-def test_a_window_counts_each_value_for_as_long_as_it_is_held_in_it(run, text, expected):
+def test_a_window_counts_inputs_as_steps_and_outputs_as_lines(run, text, expected):
     assert value_of(text, run) == pytest.approx(expected, rel=1e-12, nan_ok=True)
 
 

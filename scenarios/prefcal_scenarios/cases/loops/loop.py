@@ -12,8 +12,8 @@ from scipy.linalg import solve_discrete_are
 
 from prefcal_env.compiling import Kernel, compile_ahead
 from prefcal_env.envs.task import StepSignal, Task
+from prefcal_env.experiments.events import entered
 from prefcal_env.experiments.experiment import Channel, Channels, Controller, End, Experiment, Measurement
-from prefcal_env.experiments.kpis import entered
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.plants.systems import held
 from prefcal_scenarios.scenario import KPI, Panel, Scenario
