@@ -29,6 +29,7 @@ import numpy as np
 from algorithm import algorithm
 from examples import DRAWN, SAVED, examples, models
 from matplotlib.figure import Figure
+from measured import measured
 from PIL import Image
 from reactor_pictures import CalibratedRuns, gain, hole, lowest, rows_of, theta
 from rich.console import Console
@@ -208,6 +209,7 @@ MAKERS: Mapping[str, tuple[Maker, tuple[str, ...]]] = {
     "index": (reactor_index, ("reactor_index.png",)),
     "window": (query_window, ("query_window.png",)),
     "algorithm": (lambda folder: algorithm(), ("learning.png", "simulated.png")),
+    "tracking": (lambda folder: measured(), ("tracking.png",)),
     "look": (looking, ("look.png",)),
     "maneuvers": (maneuvers, ("maneuvers.png",)),
     "worth": (worth, tuple(WORTH)),
