@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import ExperimentError, ScenarioError
+from prefcal_env.units import conversion, named, same
 from prefcal_env.wording import did_you_mean
 
 from .experiment import ARRAYS, BEST_FIRST, Channel, Channels, Experiment
@@ -248,7 +249,7 @@ def plots_of(channels: Channels, signals: Collection[str] = ()) -> tuple[Plot, .
     places = {p.name: i for i, p in enumerate(found) if p.kind == "x"}
     for output in outputs:
         place, aim = places.get(output.name), output.channel
-        if place is None or found[place].channel.unit != aim.unit:
+        if place is None or not same(found[place].channel.unit, aim.unit):
             found.append(output)
         elif found[place].channel.target is None:
             channel = replace(found[place].channel, target=aim.target, band=aim.band)

@@ -6,7 +6,7 @@ import pytest
 from prefcal_env import FMULoop, Knob
 from prefcal_env.errors import KnobError, PlantError
 from prefcal_env.worlds.fmu import read_model
-from prefcal_env.worlds.fmu.model import display_units
+from prefcal_env.worlds.fmu.model import units_in
 from worlds.fmu.building import built, changed
 
 pytest.importorskip("fmpy")
@@ -92,13 +92,20 @@ def test_an_fmu_with_limits_that_leave_no_range_can_be_read(tank, tmp_path):
         FMULoop(fixed, [Knob("T_i", 5.0, 20.0, "s")], ["level"])
 
 
-def test_another_unit_is_refused_with_those_that_the_fmu_defines(tank):
-    with pytest.raises(KnobError, match="its unit must be 's' or 'min' as in the FMU, got 'h'"):
-        FMULoop(tank, [Knob("T_i", 0.1, 1.0, "h")], ["level"])
-    words = "unit of 'level' must be 'K' or 'degC' or 'degF' as in the FMU, got 'degR'"
+def test_another_quantity_is_refused_with_the_units_that_the_fmu_defines(tank):
+    with pytest.raises(KnobError, match="its unit must be 's' or 'min' as in the FMU, or alike, got 'm'"):
+        FMULoop(tank, [Knob("T_i", 0.1, 1.0, "m")], ["level"])
+    words = "unit of 'level' must be 'K' or 'degC' or 'degF' as in the FMU, or alike, got 'bar'"
     with pytest.raises(PlantError, match=words):
-        FMULoop(tank, [T_I], ["level [degR]"])
+        FMULoop(tank, [T_I], ["level [bar]"])
+
+
+def test_a_unit_that_the_fmu_does_not_define_is_converted_too(tank):
+    made = FMULoop(tank, [Knob("T_i", 0.002, 0.016, "h")], ["level [degR]"], reference={"level": 3.6})
+    seconds = FMULoop(tank, [Knob("T_i", 6.0, 60.0, "s")], ["level"])
+    one, other = seconds(np.array([18.0])), made(np.array([0.005]))
+    np.testing.assert_allclose(other.output(0), 1.8 * one.output(0), rtol=1e-12)
 
 
 def test_an_inverse_display_unit_is_none_to_convert_to(tank):
-    assert set(display_units(tank)["K"]) == {"degC", "degF"}
+    assert set(units_in(tank)[0]["K"]) == {"degC", "degF"}
