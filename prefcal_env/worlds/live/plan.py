@@ -18,6 +18,7 @@ from prefcal_env.experiments.experiment import Channel, Channels, Experiment
 from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.sources.source import Change
+from prefcal_env.units import Values, convert
 
 
 class LivePlant(Protocol):
@@ -162,7 +163,7 @@ class Tag(Channel):
         name: Name, as shown to people; a reference has the name of its output.
         node: Address of the node.
         role: "output", "input" or "reference".
-        unit: Unit of the values.
+        unit: Unit of the values; a reference is converted to the unit of its output.
         low: Lower limit that is drawn and counts in KPIs, in `unit`.
         high: Upper limit that is drawn and counts in KPIs, in `unit`.
         abort: Limits (low, high) in `unit`; a value outside stops the run as unsafe.
@@ -382,6 +383,19 @@ class LivePlan:
                 raise SettingsError(
                     f"a reference must have the name of an output, {sorted(outputs)}, got {name!r}"
                 )
+        for tag in self.tags:
+            self.as_output(tag, 0.0)
+
+    def as_output(self, tag: Tag, values: Values) -> Values:
+        """Return values of a tag; those of a reference in the unit of its output.
+
+        Raises:
+            SettingsError: If they cannot be converted.
+        """
+        output = next((t for t in self.tags if t.name == tag.name and t.role == "output"), tag)
+        if tag.role != "reference" or not tag.unit or not output.unit:
+            return values
+        return convert(values, tag.unit, output.unit, f"the reference of {tag.name!r}", SettingsError)
 
     @property
     def space(self) -> KnobSpace:
