@@ -94,7 +94,16 @@ def named(unit: str) -> str:
 
 # --- Spell units alike, without a library: most questions are answered by equal texts.
 
-_TIMES = {"ns": 1e-9, "us": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0, "week": 604800.0}
+_TIMES = {
+    "ns": 1e-9,
+    "us": 1e-6,
+    "ms": 1e-3,
+    "s": 1.0,
+    "min": 60.0,
+    "h": 3600.0,
+    "d": 86400.0,
+    "week": 604800.0,
+}
 _SPELLINGS = {
     "ns": "nsec nanoseconds",
     "us": "usec μs μsec microseconds",

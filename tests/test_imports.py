@@ -26,7 +26,17 @@ FOLDERS = {
     "prefcal_app": ROOT / "app" / "prefcal_app",
 }
 MAY_IMPORT = {name: list(FOLDERS)[:number] for number, name in enumerate(FOLDERS)}
-AGENTS_MAY_USE = ("errors", "optional", "knobs", "preferences", "qp", "plain", "on_first_use", "arrays", "units")
+AGENTS_MAY_USE = (
+    "errors",
+    "optional",
+    "knobs",
+    "preferences",
+    "qp",
+    "plain",
+    "on_first_use",
+    "arrays",
+    "units",
+)
 
 LAYERS = {
     "prefcal_env": (

@@ -17,6 +17,7 @@ from prefcal_env import units
 from prefcal_env.errors import MissingExtraError, RecordError
 from prefcal_env.wording import and_more, did_you_mean
 
+
 def parts_of(heading: str) -> tuple[str, str | None]:
     """Return name and unit of a heading "name [unit]"; the unit is None if there is none.
 

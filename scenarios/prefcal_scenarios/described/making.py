@@ -260,11 +260,12 @@ def _kpis(
     stated: Mapping[str, float | str | Mapping[str, Any]], made: Scenario, where: str
 ) -> tuple[KPI, ...]:
     channels = made.source.channels
-    own = {kpi.name: kpi for kpi in made.kpis}
+    known = {kpi.name: kpi for kpi in made.kpis}
     tracking = {} if channels is None else every_tracking_kpi(channels)
-    known = tracking | _margins(made) | own
-    differences = tracking.keys() - own.keys()  # of outputs from their references
-    return tuple(_kpi(name, value, known, where, differences) for name, value in stated.items())
+    if channels is not None:
+        known = tracking | _margins(made) | known
+    # Tracking KPIs are differences of outputs from their references.
+    return tuple(_kpi(name, value, known, where, tracking) for name, value in stated.items())
 
 
 def _margins(made: Scenario) -> dict[str, KPI]:
@@ -306,9 +307,7 @@ def _kpi(
         raise ScenarioError(f"{where}, [kpis] {name!r}: {error}") from error
 
 
-def _in_its_unit(
-    kpi: KPI, given: dict[str, Any], differences: Collection[str]
-) -> dict[str, Any]:
+def _in_its_unit(kpi: KPI, given: dict[str, Any], differences: Collection[str]) -> dict[str, Any]:
     """Return what a file says of a KPI, with its numbers in the unit in which the KPI is computed."""
     unit = given.get("unit")
     if unit is None or not kpi.unit:

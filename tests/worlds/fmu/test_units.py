@@ -1,5 +1,7 @@
 """Display units of an FMU: knobs, curves, references and limits in another unit than its own."""
 
+import zipfile
+
 import numpy as np
 import pytest
 
@@ -67,6 +69,34 @@ def test_curves_references_and_limits_are_in_the_unit_that_is_asked_for(tank):
     in_kelvin = FMULoop(tank, [T_I], ["level"], ["valve"])(np.array([0.2]))
     assert valve.unit == "degF"
     np.testing.assert_allclose(other.u, 1.8 * in_kelvin.u)  # a difference has no offset
+
+
+@pytest.mark.parametrize(("said", "own"), [("true", None), (None, "true"), ("true", "false")])
+def test_a_variable_that_is_a_difference_has_no_offset(tank, tmp_path, said, own):
+    """`said` is what the type says of it, and `own` what it says itself, which counts."""
+    of_type = "" if said is None else f' relativeQuantity="{said}"'
+    of_variable = "" if own is None else f' relativeQuantity="{own}"'
+    replace = [
+        ('<Real unit="K" relativeQuantity="true"/></SimpleType>', f'<Real unit="K"{of_type}/></SimpleType>'),
+        ('<Real declaredType="Step"/>', f'<Real declaredType="Step"{of_variable}/>'),
+    ]
+    model = read_model(changed(tank, tmp_path / "difference.fmu", replace=replace))
+    difference = "true" in (own, said) and own != "false"
+    assert model.variable("valve").difference == difference
+    for unit, kelvin in (("degC", 282.15), ("degF", (9 + 459.67) / 1.8)):
+        stored = model.variable(f"valve [{unit}]").scale.back(9.0)
+        assert stored == pytest.approx((9.0 if unit == "degC" else 5.0) if difference else kelvin)
+
+
+def test_a_difference_of_fmi_3_is_found_on_the_variable(tmp_path):
+    text = (
+        '<fmiModelDescription><ModelVariables><Float64 name="band" relativeQuantity="true"/>'
+        '<Float64 name="T" relativeQuantity="false"/><Float64 name="p"/>'
+        "</ModelVariables></fmiModelDescription>"
+    )
+    with zipfile.ZipFile(tmp_path / "a.fmu", "w") as file:
+        file.writestr("modelDescription.xml", text)
+    assert units_in(tmp_path / "a.fmu")[1] == {"band": True, "T": False}
 
 
 def test_a_reference_that_is_a_variable_follows_the_unit_of_its_output(tank):

@@ -400,6 +400,17 @@ def test_a_value_that_was_never_good_is_not_made_up(tmp_path):
     assert np.isfinite(experiment.y).all()
 
 
+def test_a_reference_is_read_in_the_unit_of_its_output(tmp_path):
+    plant = Memory()
+    plant.values["aim"] = 150.0
+    tags = (Tag("level", "level", unit="m"), Tag("level", "aim", "reference", unit="cm"))
+    experiment = drive(memory_rig(plant, tmp_path, tags=tags), plant).experiment
+    np.testing.assert_allclose(experiment.y_ref, 1.5)
+    wrong = (Tag("level", "level", unit="m"), Tag("level", "aim", "reference", unit="bar"))
+    with pytest.raises(SettingsError, match="reference of 'level' is in bar, which cannot be converted to m"):
+        memory_rig(plant, tmp_path, tags=wrong)
+
+
 def test_random_sessions_keep_every_promise():
     outcomes = simulated_sessions.run(300)
     assert sum(outcomes.values()) == 300
