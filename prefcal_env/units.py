@@ -5,12 +5,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from math import isclose
-from typing import Any, TypeVar
+from typing import Any
 from unicodedata import normalize
 
 from .errors import PrefcalError
 
-Values = TypeVar("Values", bound=Any)  # a number, or an array of any shape
+Values = Any  # a number, or an array of any shape
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,16 +94,13 @@ def named(unit: str) -> str:
 
 # --- Spell units alike, without a library: most questions are answered by equal texts.
 
-_TIMES = {
-    "ns": 1e-9,
-    "us": 1e-6,
-    "ms": 1e-3,
-    "s": 1.0,
-    "min": 60.0,
-    "h": 3600.0,
-    "d": 86400.0,
-    "week": 604800.0,
-}
+
+def _words(text: str) -> frozenset[str]:
+    return frozenset(text.split())
+
+
+_SECONDS = {"ns": 1e-9, "us": 1e-6, "ms": 1e-3, "s": 1.0}
+_TIMES = {**_SECONDS, "min": 60.0, "h": 3600.0, "d": 86400.0, "week": 604800.0}
 _SPELLINGS = {
     "ns": "nsec nanoseconds",
     "us": "usec μs μsec microseconds",
@@ -130,7 +127,7 @@ _SPELLINGS = {
     "1": "-",
 }
 _SPELLED = {spelling: unit for unit, words in _SPELLINGS.items() for spelling in words.split()}
-_AT_ONCE = {*_TIMES, *"degC degF K % bar mbar kPa Pa m mm kg m/s m3/h l/min rpm W kW V A Hz °".split()}
+_AT_ONCE = _words("degC degF K % bar mbar kPa Pa m mm kg m/s m3/h l/min rpm W kW V A Hz °") | _TIMES.keys()
 """Units that are known without the library."""
 _SIGNS = str.maketrans({**dict.fromkeys("º˚", "°"), **dict.fromkeys("·⋅∙•×", "*"), "∆": "Δ"})
 _MINUS = str.maketrans({"⁻": "-", "−": "-", "^": None})
@@ -195,21 +192,21 @@ def _label(unit: str) -> str:
 
 # --- What pint knows of units. It takes a moment to load, so only units that differ need it.
 
-_METRIC = set(
+_METRIC = _words(
     "second meter gram liter ampere volt watt joule newton pascal bar hertz mole ohm siemens farad henry "
     "tesla weber coulomb volt_ampere watt_hour lux lumen candela radian electron_volt kelvin calorie "
-    "poise stokes meter_H2O meter_Hg force_gram var".split()
+    "poise stokes meter_H2O meter_Hg force_gram var"
 )
 """Units that may have a prefix."""
-_OTHERS = set(
+_OTHERS = _words(
     "minute hour day week degree_Celsius degree_Fahrenheit degree_Rankine delta_degree_Celsius "
     "delta_degree_Fahrenheit percent ppm degree turn revolutions_per_minute inch foot yard mile "
     "mile_per_hour kilometer_per_hour knot pound ounce force_pound force_kilogram gallon barrel "
     "pound_force_per_square_inch standard_atmosphere torr inch_H2O inch_Hg "
-    "horsepower british_thermal_unit metric_ton standard_gravity cubic_centimeter kgmol".split()
+    "horsepower british_thermal_unit metric_ton standard_gravity cubic_centimeter kgmol"
 )
 """Units without a prefix. All others of pint are labels: it reads pH as picohenry, cfm as centifermi."""
-_PREFIXES = {"", "pico", "nano", "micro", "milli", "centi", "deci", "hecto", "kilo", "mega", "giga", "tera"}
+_PREFIXES = _words("pico nano micro milli centi deci hecto kilo mega giga tera") | {""}
 _FROM_ANOTHER_ZERO = {"degree_Celsius", "degree_Fahrenheit"}
 _ANGLES = {"radian", "degree", "turn", "revolutions_per_minute"}  # pint takes them for pure numbers
 
@@ -218,7 +215,7 @@ _ANGLES = {"radian", "degree", "turn", "revolutions_per_minute"}  # pint takes t
 def _registry() -> Any:
     import pint
 
-    registry = pint.UnitRegistry()
+    registry: Any = pint.UnitRegistry()
     registry.define("var = volt * ampere")
     registry.define("kgmol = 1000 * mole")
     return registry
@@ -230,7 +227,7 @@ def _parsed(unit: str) -> Any:
     names = [(found, _name(found[1])) for found in _TOKEN.finditer(unit)]
     if not all(name for _, name in names):
         return None
-    spelled = dict((found.start(), name) for found, name in names)
+    spelled = {found.start(): name for found, name in names}
     text = _TOKEN.sub(lambda f: f" {spelled[f.start()]} " + (f"**{f[2]}" if f[2] else ""), unit)
     try:
         return _registry().parse_units(text)
@@ -253,12 +250,12 @@ def _candidates(token: str) -> Iterator[str]:
     if token == "pH":
         return
     for prefix, name, _ in _registry().parse_unit_name(token):
-        if name in _OTHERS and not prefix or name in _METRIC and prefix in _PREFIXES:
+        if (name in _OTHERS and not prefix) or (name in _METRIC and prefix in _PREFIXES):
             yield f"{prefix}{name}"
     if len(token) > 1:
         kilo = f"k{token[1:]}" if token[0] == "K" else token
         for prefix, name, _ in _registry().parse_unit_name(kilo, case_sensitive=False):
-            if name in _METRIC and prefix in ("", "kilo") or name in _OTHERS and not prefix:
+            if (name in _METRIC and prefix in ("", "kilo")) or (name in _OTHERS and not prefix):
                 yield f"{prefix}{name}"
 
 
@@ -282,7 +279,7 @@ def _converted(one: Any, other: Any, difference: bool) -> Conversion | None:
 
 def _angles(unit: Any) -> float:
     """Return the power of angles in a unit of pint."""
-    return sum(power for name, power in unit._units.items() if name in _ANGLES)
+    return float(sum(power for name, power in unit._units.items() if name in _ANGLES))
 
 
 def _rounded(value: Any) -> float:

@@ -86,9 +86,8 @@ class Earlier:
             found = conversion(before.unit, now.unit)
             # Whether a temperature is a difference, a knob does not say.
             if found is None or found.offset:
-                raise KnobError(
-                    f"knob {now.name!r} was in {before.unit!r} in the earlier study, and is in {now.unit!r} now"
-                )
+                was = f"was in {before.unit!r} in the earlier study"
+                raise KnobError(f"knob {now.name!r} {was}, and is in {now.unit!r} now")
             values[before.name] = found.to(value)
         return [values[name] for name in space.names]
 

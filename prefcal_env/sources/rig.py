@@ -31,9 +31,9 @@ class Rig(Source):
     """The `run` of a scenario whose experiments are done by a person.
 
     Records are CSV files with a column `time` and one column for each state, each output that is
-    no state, and each input of `channels`. Columns in other units are converted to the channels'. If the reference of an output
-    changes, the record may have a column "NAME ref" as well. Front ends show the person θ, the
-    columns and `instructions`.
+    no state, and each input of `channels`. Columns in other units are converted to the channels'.
+    If the reference of an output changes, the record may have a column "NAME ref" as well. Front
+    ends show the person θ, the columns and `instructions`.
 
     Args:
         channels: Names, units, limits and targets of states, inputs and outputs.

@@ -328,10 +328,10 @@ def _unit_problems(scenario: Scenario, experiment: Experiment) -> Iterator[str]:
     usual = every_tracking_kpi(experiment.channels)
     for kpi in scenario.kpis:
         unit = usual[kpi.name].unit if kpi.name in usual and not kpi.formula else ""
-        if unit and kpi.unit and not same(unit, kpi.unit):
-            # A run may compute it by itself, in its own unit.
-            if experiment.kpis.get(kpi.name) == tracking_kpis(experiment).get(kpi.name):
-                yield f"the KPI {kpi.name!r} is computed in {unit}, but the scenario says {kpi.unit}"
+        # A run may compute it by itself, in its own unit.
+        differs = unit and kpi.unit and not same(unit, kpi.unit)
+        if differs and experiment.kpis.get(kpi.name) == tracking_kpis(experiment).get(kpi.name):
+            yield f"the KPI {kpi.name!r} is computed in {unit}, but the scenario says {kpi.unit}"
 
 
 def kpi_problems(scenario: Scenario, kpis: Mapping[str, float]) -> Iterator[str]:

@@ -235,7 +235,8 @@ def _curves_in(e: Experiment, changes: Mapping[str, tuple[str, Conversion]]) -> 
 
     def columns(values: Float[np.ndarray, "K n"], channels: Sequence[Channel]) -> Float[np.ndarray, "K n"]:
         each = [changes.get(c.name, nothing)[1] for c in channels]
-        return values * np.array([c.factor for c in each]) + np.array([c.offset for c in each])
+        factors, offsets = np.array([[c.factor, c.offset] for c in each]).reshape(-1, 2).T
+        return np.asarray(values * factors + offsets)
 
     def looks(channels: Sequence[Channel]) -> tuple[Channel, ...]:
         each = [(c, *changes.get(c.name, (c.unit, AS_IT_IS))) for c in channels]

@@ -20,17 +20,16 @@ from prefcal_env.optional import world
 from prefcal_env.units import AS_IT_IS, Conversion, conversion, plain, same
 from prefcal_env.wording import did_you_mean
 
-
 Scales = Mapping[str, Conversion]
 """Units by name, each with its conversion from the FMU's unit."""
 _TRUE = ("true", "1")
 
 
 def units_in(path: Path) -> tuple[Mapping[str, Scales], Mapping[str, bool]]:
-    """Return the display units that an FMU defines for each of its units, and which variables are differences.
+    """Return the display units of each unit of an FMU, and whether variables say that they are differences.
 
     FMPy does not tell which display units of FMI 3 are inverse, which are left out, and overlooks what a
-    variable itself says of a difference. That of its type, if it says nothing, is not returned here.
+    variable itself says of a difference. What its type says is not returned here.
     """
     with zipfile.ZipFile(path) as content:
         root = ElementTree.fromstring(content.read("modelDescription.xml"))
