@@ -328,7 +328,8 @@ class Sheet:
         name, found = parts_of(self.headings[column])
         if not found or not unit:
             return self.numbers(column)
-        return units.convert(self.numbers(column), found, unit, f"column {name!r}", RecordError)
+        values = units.convert(self.numbers(column), found, unit, f"column {name!r}", RecordError)
+        return np.asarray(values)
 
     def mixed(self, columns: Collection[int]) -> str:
         """Return which numbers have a decimal comma and which a point; "" if none, or one sign."""
