@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 from prefcal_env.arrays import is_number
 
 from .errors import KnobError
+from .units import same
 
 
 def theta_key(theta: Float[np.ndarray, " n"] | Sequence[float]) -> bytes:
@@ -802,7 +803,7 @@ def carried(
 
 def _wider(new: Knob, old: Knob) -> Knob:
     kind, was = (new.unit, new.scale, new.integer), (old.unit, old.scale, old.integer)
-    if kind != was:
+    if kind[1:] != was[1:] or not same(new.unit, old.unit):
         raise KnobError(
             f"knob {new.name!r} must keep its unit, scale and kind {was}, got {kind}: "
             "give the new knob another name"

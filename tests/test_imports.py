@@ -26,11 +26,21 @@ FOLDERS = {
     "prefcal_app": ROOT / "app" / "prefcal_app",
 }
 MAY_IMPORT = {name: list(FOLDERS)[:number] for number, name in enumerate(FOLDERS)}
-AGENTS_MAY_USE = ("errors", "optional", "knobs", "preferences", "qp", "plain", "on_first_use", "arrays")
+AGENTS_MAY_USE = (
+    "errors",
+    "optional",
+    "knobs",
+    "preferences",
+    "qp",
+    "plain",
+    "on_first_use",
+    "arrays",
+    "units",
+)
 
 LAYERS = {
     "prefcal_env": (
-        {"arrays", "disk", "errors", "jit", "on_first_use", "optional", "wording"},
+        {"arrays", "disk", "errors", "jit", "on_first_use", "optional", "units", "wording"},
         {"knobs", "experiments", "qp", "plain", "workers"},
         {"preferences", "plants", "tables"},
         {"mpc", "envs", "sources", "calibrators", "study"},

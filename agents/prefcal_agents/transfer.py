@@ -9,6 +9,7 @@ from prefcal_env.errors import KnobError, SettingsError
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.knobs import respaced as respaced_space
 from prefcal_env.preferences.history import Sample
+from prefcal_env.units import conversion
 
 from .agent import Agent, AgentState
 from .registry import CLASSES, restore
@@ -60,7 +61,7 @@ class Earlier:
             Physical θ of length len(space); None if the constraints refuse it.
 
         Raises:
-            KnobError: If a knob has no value, or another unit than it had.
+            KnobError: If a knob has no value, or a unit that its earlier one does not convert to.
         """
         values = self._values(space, dict(added or {}))
         theta = np.array(list(map(_nearest, space, values, space.within)))
@@ -76,18 +77,18 @@ class Earlier:
         missing = self.missing(space, added)
         if missing:
             raise KnobError(f"the earlier study has no knobs {missing}: their values are needed")
-        before = {knob.name: knob for knob in self.knobs}
-        for knob in space:
-            unit = before[knob.name].unit if knob.name in before else knob.unit
-            if unit != knob.unit:
-                raise KnobError(
-                    f"knob {knob.name!r} was in {unit!r} in the earlier study, and is in {knob.unit!r} now"
-                )
         try:
             values = {name: float(value) for name, value in added.items()}
         except (TypeError, ValueError) as error:
             raise KnobError(f"added must hold numbers, got {added!r}") from error
-        values.update(zip(before, self.best, strict=True))
+        for before, value in zip(self.knobs, self.best, strict=True):
+            now = next((knob for knob in space if knob.name == before.name), before)
+            found = conversion(before.unit, now.unit)
+            # Whether a temperature is a difference, a knob does not say.
+            if found is None or found.offset:
+                was = f"was in {before.unit!r} in the earlier study"
+                raise KnobError(f"knob {now.name!r} {was}, and is in {now.unit!r} now")
+            values[before.name] = found.to(value)
         return [values[name] for name in space.names]
 
 

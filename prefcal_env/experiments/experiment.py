@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from prefcal_env.errors import ExperimentError, ScenarioError
+from prefcal_env.units import same
 from prefcal_env.wording import brief, labeled, place_in_code
 
 # --- Why an experiment ended. Besides the KPIs, this is all that an agent learns about a run.
@@ -334,7 +335,7 @@ class Experiment:
             return np.asarray(self.y[:, index])
         channel = self.channels.y[index]
         for i, state in enumerate(self.channels.x):
-            if (state.name, state.unit) == (channel.name, channel.unit):
+            if state.name == channel.name and same(state.unit, channel.unit):
                 return np.asarray(self.x[:, i])
         return self.signals.get(channel.name)
 

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import ExperimentError, ScenarioError
+from prefcal_env.units import conversion, same
 from prefcal_env.wording import did_you_mean
 
 from .experiment import ARRAYS, BEST_FIRST, Channel, Channels, Experiment
@@ -75,13 +76,13 @@ class Panel:
         name: Name (or symbol) of a channel of the experiment, or key of a signal.
         kind: Where to look if the name is not unique: "x", "u", "y" or "signal".
         title: Displayed name.
-        unit: Displayed unit; required if `scale` is given.
+        unit: Displayed unit; required if `scale` is given. The channel's converts into it.
         low: Lower limit, in the displayed unit; -inf for none.
         high: Upper limit, in the displayed unit; inf for none.
         target: Desired value, in the displayed unit.
         band: Accepted distance from the target, in the displayed unit.
         symbol: Mathtext symbol.
-        scale: Factor from the channel's unit to `unit`, such as 3.6 from m/s to km/h.
+        scale: Factor from the channel's unit to `unit`, for units that are not known, such as turns.
         reference: Key of the signal that holds a reference that varies in time, in the channel's
             unit.
         low_signal: Key of the signal that holds a lower limit that varies in time, in the
@@ -156,17 +157,31 @@ class Panel:
             signals: Keys of the available signals.
 
         Raises:
-            ScenarioError: If no channel or signal, or more than one, has this name.
+            ScenarioError: If no channel or signal, or more than one, has this name, or its unit does not
+                fit the panel's.
         """
         plot = plot_called(self.name, channels, signals, self.kind, what="panel")
+        scale = self._scale(plot.channel.unit)
         return replace(
             plot,
-            channel=self._look(plot.channel.scaled(self.scale)),
-            scale=self.scale,
+            channel=self._look(plot.channel.scaled(scale)),
+            scale=scale,
             reference=self.reference or plot.reference,
             low_signal=self.low_signal,
             high_signal=self.high_signal,
         )
+
+    def _scale(self, unit: str) -> float:
+        """Return the factor from a channel's unit to the panel's, unless it is given."""
+        if self.scale != 1 or not self.unit or not unit:
+            return self.scale
+        found = conversion(unit, self.unit)
+        if found is None or found.offset:  # a panel scales, but does not shift
+            raise ScenarioError(
+                f"panel {self.name!r}: its unit must be {unit}, or one that {unit} converts into by a "
+                f"factor, got {self.unit!r}"
+            )
+        return found.factor
 
     def _check_state_is_output(self, plot: Plot, experiment: Experiment) -> None:
         """Raise ScenarioError if a state and an output share the name but differ."""
@@ -248,7 +263,7 @@ def plots_of(channels: Channels, signals: Collection[str] = ()) -> tuple[Plot, .
     places = {p.name: i for i, p in enumerate(found) if p.kind == "x"}
     for output in outputs:
         place, aim = places.get(output.name), output.channel
-        if place is None or found[place].channel.unit != aim.unit:
+        if place is None or not same(found[place].channel.unit, aim.unit):
             found.append(output)
         elif found[place].channel.target is None:
             channel = replace(found[place].channel, target=aim.target, band=aim.band)

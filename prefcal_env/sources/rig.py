@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env import units
 from prefcal_env.errors import RecordError, ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import Channel, Channels, End, Experiment, computed
 from prefcal_env.tables import frame
-from prefcal_env.tables.sheet import Sheet, Table, parts_of, same_unit, sheet_of
+from prefcal_env.tables.sheet import Sheet, Table, parts_of, sheet_of
 from prefcal_env.wording import and_more, labeled
 
 from .source import Change, KPIsOf, Run, Source, with_own
@@ -30,9 +31,9 @@ class Rig(Source):
     """The `run` of a scenario whose experiments are done by a person.
 
     Records are CSV files with a column `time` and one column for each state, each output that is
-    no state, and each input of `channels`, in the channels' units. If the reference of an output
-    changes, the record may have a column "NAME ref" as well. Front ends show the person θ, the
-    columns and `instructions`.
+    no state, and each input of `channels`. Columns in other units are converted to the channels'.
+    If the reference of an output changes, the record may have a column "NAME ref" as well. Front
+    ends show the person θ, the columns and `instructions`.
 
     Args:
         channels: Names, units, limits and targets of states, inputs and outputs.
@@ -127,8 +128,8 @@ class Rig(Source):
     @property
     def _measured(self) -> tuple[Channel, ...]:
         """Outputs that are no state."""
-        states = {(c.name, c.unit) for c in self.channels.x}
-        return tuple(c for c in self.channels.y if (c.name, c.unit) not in states)
+        states = {(c.name, units.plain(c.unit)) for c in self.channels.x}
+        return tuple(c for c in self.channels.y if (c.name, units.plain(c.unit)) not in states)
 
     def template(self) -> str:
         """Return the first line of a record, quoted where a name needs it."""
@@ -195,7 +196,7 @@ class Rig(Source):
         problems = [*filter(None, [sheet.uneven, sheet.mixed(places.values())])]
         for i, name in enumerate(known):
             if name in places:
-                problems += self._fill(sheet, places[name], values[:, i], is_time=i == 0)
+                problems += self._fill(sheet, places[name], values[:, i], known[name], is_time=i == 0)
         problems += [*self._steps(values[:, 0], sheet), *self._outside(values, known, sheet)]
         _refuse(problems)
         return values
@@ -217,25 +218,24 @@ class Rig(Source):
             places[name] = found
             given = parts_of(sheet.headings[found])[1]
             bare = sheet.headings[found].strip() == name  # it may itself contain brackets
-            if given is not None and not bare and not same_unit(given, unit):
+            if given is not None and not bare and units.conversion(given, unit) is None:
                 problems.append(
-                    f"column {name!r} is in {given[:40] or 'no unit'}, "
-                    f"expected {unit or 'no unit'}: convert it"
+                    f"column {name!r} is in {units.named(given)}, expected {units.named(unit)}: convert it"
                 )
         _refuse(problems)
         return places
 
     def _fill(
-        self, sheet: Sheet, place: int, values: Float[np.ndarray, " K"], *, is_time: bool
+        self, sheet: Sheet, place: int, values: Float[np.ndarray, " K"], unit: str, *, is_time: bool
     ) -> Iterator[str]:
-        """Fill `values` with a column; yield its problem, if it has one."""
+        """Fill `values` with a column, in `unit`; yield its problem, if it has one."""
         try:
             if is_time:
                 found = frame.instants(sheet, place, self.channels.time_unit, self.time_format)
                 stamped = sheet.frame[place].dtype.kind not in "iuf"
                 values[:] = found - found.min() if stamped else found
                 return
-            values[:] = sheet.numbers(place)
+            values[:] = sheet.converted(place, unit)
         except RecordError as error:
             yield str(error)
             return
@@ -300,8 +300,8 @@ class Rig(Source):
         """Return the outputs of a record; None if all of them are states."""
         if not self._measured:
             return None
-        names = [(c.name, c.unit) for c in (*self.channels.x, *self._measured)]
-        places = [names.index((c.name, c.unit)) for c in self.channels.y]
+        names = [(c.name, units.plain(c.unit)) for c in (*self.channels.x, *self._measured)]
+        places = [names.index((c.name, units.plain(c.unit))) for c in self.channels.y]
         return np.hstack([x, measured])[:, places]
 
 

@@ -10,13 +10,14 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
+from prefcal_env import units
 from prefcal_env.errors import RecordError, SettingsError
 from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.wording import and_more
 
 from .recorded import Limits, bridged, recorded
-from .sheet import SECONDS, Sheet, Table, almost_a_number, parts_of, sheet_of
+from .sheet import Sheet, Table, almost_a_number, parts_of, sheet_of
 
 MAX_GAP = 10.0
 """Longest step of time that is no gap, in median steps."""
@@ -52,7 +53,14 @@ def usual_time_columns(sheet: Sheet) -> list[int]:
 
 def time_unit_of(sheet: Sheet, column: int, given: str | None) -> str:
     """Return the unit of the experiment's time: `given`, or the heading's, or seconds."""
-    return given or parts_of(sheet.headings[column])[1] or "s"
+    return given or _unit_of_time(sheet.headings[column]) or "s"
+
+
+def _unit_of_time(heading: str) -> str:
+    """Return the unit of a heading of times such as "time [min]" or "time_min"; "" if it has none."""
+    name, unit = parts_of(heading)
+    before, _, end = name.rpartition("_")
+    return unit or (end if before and units.seconds(end) else "")
 
 
 def instants(sheet: Sheet, column: int, unit: str, time_format: str | None) -> Float[np.ndarray, " K"]:
@@ -81,8 +89,8 @@ def instants(sheet: Sheet, column: int, unit: str, time_format: str | None) -> F
     if stamps is not None:
         elapsed = (stamps - stamps.min()).dt.total_seconds().to_numpy(dtype=float)
         return np.asarray(elapsed / _seconds(unit))
-    found, heading = sheet.numbers(column), parts_of(sheet.headings[column])[1] or unit
-    if heading != unit:
+    found, heading = sheet.numbers(column), _unit_of_time(sheet.headings[column]) or unit
+    if not units.same(heading, unit):
         found = found * (_seconds(heading) / _seconds(unit))
     _check_filled(sheet, column, ~np.isfinite(found))
     return found
@@ -154,9 +162,10 @@ def _stamps(sheet: Sheet, column: int, values: Any, time_format: str | None) -> 
 
 
 def _seconds(unit: str) -> float:
-    if unit not in SECONDS:
+    found = units.seconds(unit)
+    if found is None:
         raise RecordError(f"the unit of time {unit!r} cannot be converted: use one of s, ms, us, min, h, d")
-    return SECONDS[unit]
+    return found
 
 
 def steps_back(t: Float[np.ndarray, " K"]) -> Int[np.ndarray, " M"]:
@@ -200,8 +209,8 @@ def period_of(resample: Any, unit: str) -> float:
     """
     found = re.fullmatch(r"\s*(\d*\.?\d+(?:[eE][+-]?\d+)?)\s*([^\d\s]*)\s*", str(resample))
     value, given = (float(found[1]), found[2] or unit) if found else (0.0, unit)
-    if given != unit:
-        value = value * SECONDS[given] / SECONDS[unit] if {given, unit} <= set(SECONDS) else 0.0
+    known = units.conversion(given, unit)
+    value = 0.0 if known is None else known.to(value)
     if not 0 < value < np.inf:
         raise SettingsError(
             f"resample must be a period above 0 {unit}, such as 0.1 or '100ms', got {resample!r}"
@@ -366,7 +375,9 @@ class _Used:
         places |= _reference_places(sheet, about, outputs)
         if mixed := sheet.mixed([time, *places.values()]):
             raise RecordError(mixed)
-        values = {name: sheet.numbers(place) for name, place in places.items()}
+        given = {_ref(n): sheet.unit(places[n], about.units.get(n)) for n in outputs}
+        given |= {n: sheet.unit(places[n], about.units.get(n)) for n in names}
+        values = {name: sheet.converted(place, given[name]) for name, place in places.items()}
         return cls(sheet, about, unit, t, np.arange(len(t)), outputs, places, values)
 
     def taken(self, kept: Int[np.ndarray, " M"] | Bool[np.ndarray, " K"]) -> "_Used":

@@ -13,25 +13,15 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from prefcal_env import units
 from prefcal_env.errors import MissingExtraError, RecordError
 from prefcal_env.wording import and_more, did_you_mean
-
-SECONDS = {
-    **dict.fromkeys(("ns",), 1e-9),
-    **dict.fromkeys(("us", "µs", "μs"), 1e-6),
-    **dict.fromkeys(("ms", "msec"), 1e-3),
-    **dict.fromkeys(("s", "sec", "seconds"), 1.0),
-    **dict.fromkeys(("min", "minutes"), 60.0),
-    **dict.fromkeys(("h", "hours"), 3600.0),
-    **dict.fromkeys(("d", "days"), 86400.0),
-}
-"""Length of each known unit of time in seconds."""
 
 
 def parts_of(heading: str) -> tuple[str, str | None]:
     """Return name and unit of a heading "name [unit]"; the unit is None if there is none.
 
-    Parentheses may hold a unit of time, as in "time (s)"; otherwise they belong to the name.
+    Parentheses may hold a unit, too, as in "time (s)"; otherwise they belong to the name.
     """
     plain = heading.strip()
     if plain.endswith("]") and "[" in plain:
@@ -39,19 +29,9 @@ def parts_of(heading: str) -> tuple[str, str | None]:
         return name.strip(), unit.strip()
     if plain.endswith(")") and "(" in plain:
         name, _, unit = plain[:-1].rpartition("(")
-        if unit.strip() in SECONDS:
+        if units.known(unit):
             return name.strip(), unit.strip()
     return plain, None
-
-
-def same_unit(one: str, other: str) -> bool:
-    """Return whether two units are equal up to spaces, micro signs and superscripts."""
-    return _plain(one) == _plain(other)
-
-
-def _plain(unit: str) -> str:
-    spelled = unit.replace(" ", "").replace("\u00b5", "\u03bc").replace("^", "")
-    return spelled.translate(str.maketrans("\u00b2\u00b3", "23"))
 
 
 # --- Find the headings, the separator and the rows of a CSV, whatever its encoding.
@@ -148,9 +128,9 @@ def lines_of(text: str, wanted: Collection[str] = ()) -> Lines:
             "line such as 'time [s],level [m]'"
         )
     rows = _split(below, separator)
-    units = _units(headings, rows[0]) if rows else None
-    skipped = 0 if units is None else 1
-    return Lines(tuple(units or headings), separator, rows[skipped:], tuple(places[1 + skipped :]))
+    with_units = _units(headings, rows[0]) if rows else None
+    skipped = 0 if with_units is None else 1
+    return Lines(tuple(with_units or headings), separator, rows[skipped:], tuple(places[1 + skipped :]))
 
 
 def decoded(content: bytes) -> str:
@@ -198,12 +178,12 @@ def _units(headings: Sequence[str], cells: Sequence[str]) -> list[str] | None:
     bracketed = all(cell[:1] + cell[-1:] in ("[]", "()") for cell in plain if cell)
     if any(_DIGITS.match(cell) for cell in plain) or len(cells) > len(headings):
         return None
-    if not any(bare) or not (bracketed or set(bare) & set(SECONDS)):
+    if not any(bare) or not (bracketed or any(map(units.seconds, bare))):
         return None
-    units = [*bare, *[""] * (len(headings) - len(bare))]
+    found = [*bare, *[""] * (len(headings) - len(bare))]
     return [
         f"{heading.strip()} [{unit}]" if unit and parts_of(heading)[1] is None else heading
-        for heading, unit in zip(headings, units, strict=True)
+        for heading, unit in zip(headings, found, strict=True)
     ]
 
 
@@ -329,15 +309,27 @@ class Sheet:
         """Return the unit of a column: `given`, or what its heading says.
 
         Raises:
-            RecordError: If they contradict each other.
+            RecordError: If the heading's cannot be converted to the given one.
         """
         name, found = parts_of(self.headings[column])
-        if given is not None and found is not None and not same_unit(given, found):
+        if given is not None and found is not None and units.conversion(found, given) is None:
             raise RecordError(
                 f"column {name!r} is in {found or 'no unit'} by its heading, but units= says "
                 f"{given or 'no unit'}: convert the values, or correct the unit"
             )
         return found or "" if given is None else given
+
+    def converted(self, column: int, unit: str) -> Float[np.ndarray, " K"]:
+        """Return a column as numbers in `unit`, shape (K,); as they are if one of the units is missing.
+
+        Raises:
+            RecordError: If a cell holds no number, or the unit of the heading cannot be converted.
+        """
+        name, found = parts_of(self.headings[column])
+        if not found or not unit:
+            return self.numbers(column)
+        values = units.convert(self.numbers(column), found, unit, f"column {name!r}", RecordError)
+        return np.asarray(values)
 
     def mixed(self, columns: Collection[int]) -> str:
         """Return which numbers have a decimal comma and which a point; "" if none, or one sign."""

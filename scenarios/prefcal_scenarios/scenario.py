@@ -10,12 +10,13 @@ from jaxtyping import Float
 from prefcal_env.errors import KnobError, ScenarioError
 from prefcal_env.experiments.experiment import Controller, Experiment, returned
 from prefcal_env.experiments.kpis import KPI as KPI
-from prefcal_env.experiments.kpis import Formulas, Tracking, found_kpis
+from prefcal_env.experiments.kpis import Formulas, Tracking, every_tracking_kpi, found_kpis, tracking_kpis
 from prefcal_env.experiments.panels import Panel as Panel
 from prefcal_env.experiments.panels import Plot, plots_of
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.preferences.answer import Calibrator
 from prefcal_env.sources.source import KPIsOf, Source, source_of, with_space
+from prefcal_env.units import same
 from prefcal_env.wording import did_you_mean
 
 if TYPE_CHECKING:
@@ -284,6 +285,7 @@ def check_experiment(scenario: Scenario, theta: Float[np.ndarray, " n"], result:
         *theta_problems(scenario.space, theta, experiment),
         *panel_problems(scenario, experiment),
         *([] if experiment.end.interrupted else kpi_problems(scenario, experiment.kpis)),
+        *_unit_problems(scenario, experiment),
     ]
     if wrong:
         raise ScenarioError(
@@ -319,6 +321,17 @@ def panel_problems(scenario: Scenario, experiment: Experiment) -> Iterator[str]:
                     panel.plot(run)
         except ScenarioError as error:
             yield str(error)
+
+
+def _unit_problems(scenario: Scenario, experiment: Experiment) -> Iterator[str]:
+    """Yield the tracking KPIs that the scenario states in another unit than they are computed in."""
+    usual = every_tracking_kpi(experiment.channels)
+    for kpi in scenario.kpis:
+        unit = usual[kpi.name].unit if kpi.name in usual and not kpi.formula else ""
+        # A run may compute it by itself, in its own unit.
+        differs = unit and kpi.unit and not same(unit, kpi.unit)
+        if differs and experiment.kpis.get(kpi.name) == tracking_kpis(experiment).get(kpi.name):
+            yield f"the KPI {kpi.name!r} is computed in {unit}, but the scenario says {kpi.unit}"
 
 
 def kpi_problems(scenario: Scenario, kpis: Mapping[str, float]) -> Iterator[str]:

@@ -65,9 +65,13 @@ def test_a_value_of_it_that_is_none_is_refused(value):
         record(7).start(AREA, added={"y": value})
 
 
-def test_another_unit_is_refused():
-    with pytest.raises(KnobError, match="'x' was in 'm' in the earlier study, and is in 'km'"):
-        record(7).start(KnobSpace([Knob("x", 0, 10, "km")]))
+def test_another_unit_is_converted_if_it_can_be():
+    assert record(7).start(KnobSpace([Knob("x", 0, 10_000, "mm")])) == (7000.0,)
+    with pytest.raises(KnobError, match="'x' was in 'm' in the earlier study, and is in 's'"):
+        record(7).start(KnobSpace([Knob("x", 0, 10, "s")]))
+    hot = Earlier((Knob("x", 0, 10, "°C"),), (7.0,))
+    with pytest.raises(KnobError, match="'x' was in '°C'"):  # it may be a difference
+        hot.start(KnobSpace([Knob("x", 0, 400, "K")]))
 
 
 def test_what_lies_outside_becomes_the_nearest_inside():

@@ -1,7 +1,7 @@
 """Look at runs: as a picture, as KPIs, or on a page."""
 
 from base64 import b64encode
-from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from html import escape
@@ -33,6 +33,7 @@ from prefcal_env.tables.frame import (
     usual_time_columns,
 )
 from prefcal_env.tables.sheet import Sheet, parts_of, sheet_of
+from prefcal_env.units import same
 from prefcal_scenarios.scenario import KPI
 from prefcal_scenarios.wording import picture_at, printable, put, with_unit
 
@@ -277,7 +278,8 @@ def _run_from(path: Path, about: TableColumns) -> NamedRun:
     taken = {"outputs": outputs, "inputs": about.inputs, "references of": reference}
     words = [f"{what} {', '.join(found)}" for what, found in taken.items() if found]
     bridged = _bridged({name: sheet.numbers(names[name]) for name in used})
-    said = (f"time from {heading!r} in {unit}", *words, *mended, *bridged, *left_out)
+    converted = _converted(sheet, experiment, names, reference)
+    said = (f"time from {heading!r} in {unit}", *words, *converted, *mended, *bridged, *left_out)
     return run_of(path.name, experiment, "; ".join(said))
 
 
@@ -362,6 +364,20 @@ def _outputs(
     if len(numeric) > _MOST:
         said.append(f"only the first {_MOST} of {len(numeric)} columns: choose others with --outputs")
     return tuple(numeric[:_MOST]), said
+
+
+def _converted(
+    sheet: Sheet, experiment: Experiment, names: Mapping[str, int], reference: Mapping[str, Any]
+) -> Iterator[str]:
+    """Yield which columns are in another unit than the curves that were made of them."""
+    channels = experiment.channels
+    columns = [(names[c.name], c.unit) for c in (*channels.y, *channels.u)]
+    aims = [(reference.get(c.name), c.unit) for c in channels.y]
+    columns += [(sheet.column(aim, ""), unit) for aim, unit in aims if isinstance(aim, str)]
+    for column, unit in columns:
+        name, found = parts_of(sheet.headings[column])
+        if found and unit and not same(found, unit):
+            yield f"{name} converted from {found} to {unit}"
 
 
 def _bridged(columns: Mapping[str, np.ndarray]) -> Iterable[str]:

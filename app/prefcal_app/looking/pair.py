@@ -12,7 +12,7 @@ from prefcal_env.experiments.events import BAND
 from prefcal_env.experiments.experiment import Channel, Channels, Experiment
 from prefcal_env.experiments.kpis import KPI, every_tracking_kpi, tracking_kpis
 from prefcal_env.experiments.panels import MEAN, Plot, by_maneuver, combined, named, plots_of
-from prefcal_env.tables.sheet import SECONDS
+from prefcal_env.units import AS_IT_IS, Conversion, conversion, same, seconds
 
 # --- Compute KPIs of any run and say their units: tracking errors, or the range of a curve.
 
@@ -123,15 +123,15 @@ Aligned = tuple[NamedRun, NamedRun, tuple[Plot, ...], tuple[KPI, ...], tuple[str
 def aligned(left: NamedRun, right: NamedRun, *, align: bool | None = None) -> Aligned:
     """Return two runs with the same curves, so that one set of panels draws both.
 
-    Curves share a panel if name and unit are equal; a curve that only one run has gets a panel,
-    too. The right run's times are converted to the unit of the left one.
+    The right run's times, curves and KPIs are converted to the units of the left one. Curves share a
+    panel if name and unit are equal; a curve that only one run has gets a panel, too.
 
     Args:
         left: Left run.
         right: Right run.
         align: Whether both start at 0; None to do so only if their times do not overlap.
     """
-    right, notes = _in_unit_of(left, right)
+    right, notes = _in_units_of(left, right)
     left, right = _with_maneuvers_of(left, right), _with_maneuvers_of(right, left)
     if align or (align is None and _apart(left.experiment, right.experiment)):
         starts = [run.experiment.t[0] for run in (left, right) if len(run.experiment.t)]
@@ -163,15 +163,75 @@ def _each(experiment: Experiment, change: Callable[[Experiment], Experiment]) ->
     return replace(change(experiment), runs=runs)
 
 
-def _in_unit_of(left: NamedRun, right: NamedRun) -> tuple[NamedRun, tuple[str, ...]]:
-    """Return the right run with its times in the unit of the left one, and what to say of it."""
+def _in_units_of(left: NamedRun, right: NamedRun) -> tuple[NamedRun, tuple[str, ...]]:
+    """Return the right run with its times, curves and KPIs in the units of the left one, and what to say."""
     wanted, given = (run.experiment.channels.time_unit for run in (left, right))
-    if wanted == given or not wanted or not given:
-        return right, ()
-    if wanted not in SECONDS or given not in SECONDS:
-        return right, (f"The times of {left.name} are in {wanted}, those of {right.name} in {given}.",)
-    words = f"The times of {right.name} are converted from {given} to {wanted}."
-    return in_time_unit(right, wanted), (words,)
+    said = []
+    if wanted and given and not same(wanted, given):
+        if seconds(wanted) is None or seconds(given) is None:
+            said.append(f"The times of {left.name} are in {wanted}, those of {right.name} in {given}.")
+        else:
+            right = in_time_unit(right, wanted)
+            said.append(f"The times of {right.name} are converted from {given} to {wanted}.")
+    changes: dict[str, tuple[str, Conversion]] = {}
+    theirs = _units(left.experiment)
+    for name, unit in _units(right.experiment).items():
+        found = conversion(unit, theirs[name]) if unit and theirs.get(name) else None
+        if found is not None and unit != theirs[name]:
+            changes[name] = theirs[name], found
+            if found != AS_IT_IS:
+                said.append(f"{name} of {right.name} is converted from {unit} to {theirs[name]}.")
+    right = right.changed(lambda e: _curves_in(e, changes)) if changes else right
+    return _kpis_in(right, _kpi_changes(left, right)), tuple(said)
+
+
+def _units(experiment: Experiment) -> dict[str, str]:
+    """Return the unit of each curve by its name, but for names with several."""
+    channels = experiment.channels
+    every = [(c.name, c.unit) for group in (channels.x, channels.u, channels.y) for c in group]
+    found = dict(every)
+    return {name: unit for name, unit in found.items() if all(u == unit for n, u in every if n == name)}
+
+
+def _curves_in(e: Experiment, changes: Mapping[str, tuple[str, Conversion]]) -> Experiment:
+    """Return an experiment with some of its curves, by name, in other units."""
+    nothing = ("", AS_IT_IS)
+
+    def columns(values: Float[np.ndarray, "K n"], channels: Sequence[Channel]) -> Float[np.ndarray, "K n"]:
+        each = [changes.get(c.name, nothing)[1] for c in channels]
+        factors, offsets = np.array([[c.factor, c.offset] for c in each]).reshape(-1, 2).T
+        return np.asarray(values * factors + offsets)
+
+    def looks(channels: Sequence[Channel]) -> tuple[Channel, ...]:
+        each = [(c, *changes.get(c.name, (c.unit, AS_IT_IS))) for c in channels]
+        return tuple(replace(c.scaled(to.factor, to.offset), unit=unit) for c, unit, to in each)
+
+    x, u, y = e.channels.x, e.channels.u, e.channels.y
+    return replace(
+        e,
+        x=columns(e.x, x),
+        u=columns(e.u, u),
+        u_control=columns(e.u_control, u),
+        y=None if e.y is None else columns(e.y, y),
+        y_ref=columns(e.y_ref, y),
+        signals={n: changes.get(n.removesuffix(" ref"), nothing)[1].to(v) for n, v in e.signals.items()},
+        channels=Channels(looks(x), looks(u), looks(y), e.channels.time_unit),
+    )
+
+
+def _kpi_changes(left: NamedRun, right: NamedRun) -> dict[str, tuple[str, float]]:
+    """Return the left run's unit of KPIs of the right one by name, and the factor to it.
+
+    What has another zero in it is left as it is, unless it is known to be a difference.
+    """
+    units, differences = {k.name: k.unit for k in left.kpis}, every_tracking_kpi(right.experiment.channels)
+    found = {}
+    for kpi in right.kpis:
+        unit = units.get(kpi.name, kpi.unit)
+        to = conversion(kpi.unit, unit, difference=kpi.name in differences)
+        if unit != kpi.unit and to is not None and not to.offset:
+            found[kpi.name] = unit, to.factor
+    return found
 
 
 def in_time_unit(run: NamedRun, unit: str) -> NamedRun:
@@ -180,35 +240,38 @@ def in_time_unit(run: NamedRun, unit: str) -> NamedRun:
     A KPI in minutes becomes one in seconds, one in m min one in m s. Rates such as m/min stay.
     """
     given = run.experiment.channels.time_unit
-    factor = SECONDS[given] / SECONDS[unit]
+    found = conversion(given, unit)
+    factor = 1.0 if found is None else found.factor
     powers = {given: (unit, 1), f"{given}²": (f"{unit}²", 2)}
-    factors, kpis = {}, []
+    changes = {}
     for kpi in run.kpis:
         parts = [powers.get(part, (part, 0)) for part in kpi.unit.split(" ")]
-        by = factors[kpi.name] = factor ** sum(power for _, power in parts)
-        kpis.append(
-            replace(
-                kpi,
-                unit=" ".join(part for part, _ in parts),
-                at_most=by * kpi.at_most,
-                at_least=by * kpi.at_least,
-            )
-        )
-
-    def of_kpi(name: str) -> float:
-        in_one_maneuver = name.rpartition(" (")[0]
-        return factors.get(name, factors.get(in_one_maneuver, 1.0))
+        by = factor ** sum(power for _, power in parts)
+        changes[kpi.name] = " ".join(part for part, _ in parts), by
 
     def scaled(e: Experiment) -> Experiment:
-        return replace(
-            e,
-            t=factor * e.t,
-            t_control=factor * e.t_control,
-            channels=replace(e.channels, time_unit=unit),
-            kpis={name: value * of_kpi(name) for name, value in e.kpis.items()},
-        )
+        channels = replace(e.channels, time_unit=unit)
+        return replace(e, t=factor * e.t, t_control=factor * e.t_control, channels=channels)
 
-    return replace(run.changed(scaled), kpis=tuple(kpis))
+    return _kpis_in(run.changed(scaled), changes)
+
+
+def _kpis_in(run: NamedRun, changes: Mapping[str, tuple[str, float]]) -> NamedRun:
+    """Return a run with KPIs in other units: the unit of each by name, and the factor to it."""
+
+    def factor(name: str) -> float:
+        in_one_maneuver = name.rpartition(" (")[0]
+        return changes.get(name, changes.get(in_one_maneuver, ("", 1.0)))[1]
+
+    kpis = []
+    for kpi in run.kpis:
+        unit, by = changes.get(kpi.name, (kpi.unit, 1.0))
+        kpis.append(replace(kpi, unit=unit, at_most=by * kpi.at_most, at_least=by * kpi.at_least))
+
+    def scaled(e: Experiment) -> Experiment:
+        return replace(e, kpis={name: value * factor(name) for name, value in e.kpis.items()})
+
+    return replace(run.changed(scaled), kpis=tuple(kpis)) if changes else run
 
 
 def _with_maneuvers_of(run: NamedRun, other: NamedRun) -> NamedRun:

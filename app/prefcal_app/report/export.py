@@ -16,6 +16,7 @@ from jaxtyping import Float
 from prefcal_env.errors import ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import Controller, End
 from prefcal_env.knobs import KnobSpace
+from prefcal_env.units import named, same
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.described.making import controller_of
 from prefcal_scenarios.names import is_own
@@ -175,6 +176,13 @@ def _loaded(content: Mapping[str, Any], path: str | Path) -> Scenario:
     above, study = Path(path).resolve().parent, (content.get("origin") or {}).get("study")
     places = [above, *above.parents, *([Path(study).parent] if study else [])]
     scenario = load(_moved(content["scenario"], places))
+    for knob in scenario.space:
+        unit = content.get("units", {}).get(knob.name, knob.unit)
+        if not same(unit, knob.unit):
+            raise ScenarioError(
+                f"theta in {str(path)!r} does not fit: knob {knob.name!r} is in {named(unit)} there, and in "
+                f"{named(knob.unit)} in scenario {scenario.name!r}"
+            )
     try:
         return with_ranges(scenario, _widened(scenario.space, content.get("ranges", {})))
     except (TypeError, ValueError) as error:

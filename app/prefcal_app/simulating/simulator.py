@@ -8,6 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from hashlib import sha256
+from itertools import zip_longest
 from operator import not_
 from pathlib import Path
 from typing import Any, BinaryIO, Self, final
@@ -28,6 +29,7 @@ from prefcal_env.preferences.answer import Outcome
 from prefcal_env.preferences.history import History, Sample
 from prefcal_env.study import knobs_as_dicts, within_as_dict
 from prefcal_env.study.file import SIMULATED, is_simulated
+from prefcal_env.units import same
 from prefcal_env.wording import labeled
 from prefcal_env.workers import Pool, Terms, usable_cores
 from prefcal_scenarios import verification
@@ -157,7 +159,8 @@ def twin_of(plant: Scenario, model: Scenario) -> Scenario:
             "simulation, state Scenario(..., simulated=True)"
         )
     ours, theirs = ([labeled(k.name, k.unit) for k in each.space] for each in (plant, model))
-    if ours != theirs:
+    pairs = list(zip_longest(plant.space, model.space))
+    if not all(a and b and a.name == b.name and same(a.unit, b.unit) for a, b in pairs):
         raise SettingsError(
             f"the twin {model.name!r} must have the knobs of {plant.name!r} in the same order: "
             f"expected {', '.join(ours)}, got {', '.join(theirs)}"
@@ -170,6 +173,13 @@ def twin_of(plant: Scenario, model: Scenario) -> Scenario:
             f"the twin {model.name!r} must have the KPIs of {plant.name!r}: it lacks "
             f"{', '.join(missing)}, and has {has}"
         )
+    for kpi in plant.kpis:
+        unit = next((k.unit for k in model.kpis if k.name == kpi.name), "")
+        if kpi.unit and unit and not same(unit, kpi.unit):
+            raise SettingsError(
+                f"the twin {model.name!r} must have the KPIs of {plant.name!r} in the same units: "
+                f"{kpi.name!r} is in {unit}, expected {kpi.unit}"
+            )
     if has_goals(model) and not has_goals(plant):
         raise SettingsError(
             f"the plant {plant.name!r} must have KPIs with a direction, as its twin {model.name!r} has: {has}"

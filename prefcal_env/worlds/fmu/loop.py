@@ -164,9 +164,9 @@ class FMULoop:
         path: The .fmu file.
         knobs: Knobs named as the parameters, or a mapping from parameters to knobs with other
             names. Units and descriptions that a knob lacks are those of the FMU. Its unit may be
-            any display unit that the FMU defines.
+            any that converts into the parameter's; display units are those that the FMU defines.
         outputs: Variables shown as outputs, or a mapping from shown names to variables. They have
-            the FMU's unit, or a display unit that it defines: "T [degC]".
+            the FMU's unit, or one to convert to: "T [degC]".
         inputs: Variables shown as control signals, or such a mapping.
         reference: Maps shown outputs to their reference: a number in the output's unit, or the
             name of a variable of the FMU.
@@ -295,12 +295,12 @@ class FMULoop:
     def _stored(self, variable: Variable, value: float) -> float:
         """Return the value of a knob in the FMU's unit; rounding takes it beyond no limit."""
         own = self.model.variables[variable.name]
-        return float(np.clip(variable.scale.stored(value), own.low, own.high))
+        return float(np.clip(variable.scale.back(value), own.low, own.high))
 
     def _experiment(self, theta: Float[np.ndarray, " n"], answer: Reply, count: int) -> Experiment:
         n_y, n_u = len(self._outputs), len(self._inputs)
         pairs = zip(self._recorded, answer.values[:count].T, strict=True)
-        columns = [variable.scale.shown(column) for variable, column in pairs]
+        columns = [variable.scale.to(column) for variable, column in pairs]
         outputs = dict(zip(self._outputs, columns, strict=False))
         inputs = dict(zip(self._inputs, columns[n_y:], strict=False))
         curves = dict(zip(self._variables, columns[n_y + n_u :], strict=True))

@@ -17,51 +17,37 @@ from prefcal_env.errors import KnobError, PlantError
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.knobs import Knob
 from prefcal_env.optional import world
+from prefcal_env.units import AS_IT_IS, Conversion, conversion, plain, same
 from prefcal_env.wording import did_you_mean
 
-
-@dataclass(frozen=True, slots=True)
-class UnitScale:
-    """Conversion of a value from an FMU's unit: factor · value + offset."""
-
-    factor: float = 1.0  # value of one unit of the FMU in the other unit, not 0
-    offset: float = 0.0  # what 0 in the FMU's unit is in the other unit
-
-    def shown(self, value: Any) -> Any:
-        """Return a value of the FMU, or an array of them, in the other unit."""
-        return self.factor * value + self.offset
-
-    def stored(self, value: Any) -> Any:
-        """Return a value in the other unit, or an array of them, in the FMU's unit."""
-        return (value - self.offset) / self.factor
-
-
-AS_IT_IS = UnitScale()
-"""Conversion into the same unit."""
-Scales = Mapping[str, UnitScale]
+Scales = Mapping[str, Conversion]
 """Units by name, each with its conversion from the FMU's unit."""
+_TRUE = ("true", "1")
 
 
-def plain(unit: str) -> str:
-    """Return a unit as FMUs spell it: "degC" for "°C", and nothing for "-" and "1"."""
-    return "" if unit in ("", "-", "1") else unit.replace("°", "deg")
+def units_in(path: Path) -> tuple[Mapping[str, Scales], Mapping[str, bool]]:
+    """Return the display units of each unit of an FMU, and whether variables say that they are differences.
 
-
-def display_units(path: Path) -> Mapping[str, Scales]:
-    """Return the display units that an FMU defines for each of its units.
-
-    FMPy does not tell which display units of FMI 3 are inverse. These are left out.
+    FMPy does not tell which display units of FMI 3 are inverse, which are left out, and overlooks what a
+    variable itself says of a difference. What its type says is not returned here.
     """
     with zipfile.ZipFile(path) as content:
         root = ElementTree.fromstring(content.read("modelDescription.xml"))
-    return {
+    display = {
         unit.get("name", ""): {
-            d.get("name", ""): UnitScale(float(d.get("factor", 1)), float(d.get("offset", 0)))
+            d.get("name", ""): Conversion(float(d.get("factor", 1)), float(d.get("offset", 0)))
             for d in unit.iterfind("DisplayUnit")
-            if d.get("inverse", "false") not in ("true", "1") and float(d.get("factor", 1))
+            if d.get("inverse", "false") not in _TRUE and float(d.get("factor", 1))
         }
         for unit in root.iterfind("UnitDefinitions/Unit")
     }
+    relative = {
+        variable.get("name", ""): part.get("relativeQuantity") in _TRUE
+        for variable in root.iterfind("ModelVariables/*")
+        for part in (variable, *variable)  # FMI 3 has the attribute here, FMI 2 in an element below
+        if part.get("relativeQuantity") is not None
+    }
+    return display, relative
 
 
 # --- What the model description of an FMU says: variables, units, limits, times.
@@ -91,22 +77,24 @@ class Variable(Channel):
     start: float | None = None  # start value, in `unit`; None if the FMU declares none
     about: str = ""  # description
     units: Scales = field(default_factory=dict)  # others in which the FMU says that it can be given
-    scale: UnitScale = AS_IT_IS  # conversion from the FMU's unit, if `unit` is another one
+    difference: bool = False  # whether it is a difference, which has no offset in another unit
+    scale: Conversion = AS_IT_IS  # conversion from the FMU's unit, if `unit` is another one
 
     def __post_init__(self) -> None:
         """Accept any limits: an FMU may declare equal ones, and only what is shown must have a range."""
 
     def within(self, unit: str) -> "Variable | None":
-        """Return the variable in a unit that the FMU defines for it; None if it defines none.
+        """Return the variable in another unit, as the FMU defines it or as is usual; None if it cannot be.
 
-        Without a unit, here or in the FMU, the variable stays as it is.
+        Without a unit, here or in the FMU, the variable stays as it is. That of a gain is often 1.
         """
-        if not plain(unit) or not plain(self.unit) or plain(unit) == plain(self.unit):
+        if not unit or not self.unit or same(unit, self.unit):
             return self
-        scale = next((s for name, s in self.units.items() if plain(name) == plain(unit)), None)
+        scale = next((s for name, s in self.units.items() if same(name, unit)), None)
+        scale = scale or conversion(self.unit, unit, difference=self.difference)
         if scale is None:
-            return None
-        start = None if self.start is None else scale.shown(self.start)
+            return self if "1" in (plain(unit), plain(self.unit)) else None
+        start = None if self.start is None else scale.to(self.start)
         return replace(self.scaled(scale.factor, scale.offset), unit=unit, start=start, scale=scale)
 
     @property
@@ -170,7 +158,7 @@ class Model:
         found = self.variables[bare].within(unit)
         if found is None:
             units = self.variables[bare].every_unit
-            raise PlantError(f"the unit of {bare!r} must be {units} as in the FMU, got {unit!r}")
+            raise PlantError(f"the unit of {bare!r} must be {units} as in the FMU, or alike, got {unit!r}")
         return found
 
 
@@ -192,12 +180,12 @@ def read_model(path: Path | str) -> Model:
     start, stop, step, tolerance = (_number(getattr(experiment, name, None)) for name in names)
     step = step or _number(found.coSimulation.fixedInternalStepSize)
     scalars = (v for v in found.modelVariables if v.type in _NUMBERS and not v.dimensions)
-    units = display_units(path)
+    units, relative = units_in(path)
     return Model(
         path,
         name=found.modelName or path.stem,
         about=" ".join((found.description or "").split()),
-        variables={v.name: _variable(v, units) for v in scalars},
+        variables={v.name: _variable(v, units, relative.get(v.name)) for v in scalars},
         start_time=start or 0.0,
         stop_time=stop,
         step=step if step and step > 0 else None,
@@ -247,16 +235,20 @@ def _description(path: Path) -> Any:
     return found
 
 
-def _variable(v: Any, units: Mapping[str, Scales]) -> Variable:
-    """Return a variable as FMPy describes it, with the display units of its unit."""
+def _variable(v: Any, units: Mapping[str, Scales], relative: bool | None) -> Variable:
+    """Return a variable as FMPy describes it, with the display units of its unit.
+
+    `relative` is whether it says that it is a difference; None if it leaves that to its type.
+    """
     declared = v.declaredType
-    unit, low, high, relative = (
+    unit, low, high = (
         getattr(v, name) if getattr(v, name) is not None else getattr(declared, name, None)
-        for name in ("unit", "min", "max", "relativeQuantity")
+        for name in ("unit", "min", "max")
     )
     others = dict(units.get(unit or "", {}))
-    if relative in (True, "true", "1"):  # a difference of temperatures has no offset
-        others = {name: UnitScale(scale.factor) for name, scale in others.items()}
+    difference = bool(getattr(declared, "relativeQuantity", False)) if relative is None else relative
+    if difference:  # of temperatures has no offset
+        others = {name: Conversion(scale.factor) for name, scale in others.items()}
     low, high = _number(low), _number(high)
     if v.type == "Boolean":
         low, high = 0.0, 1.0
@@ -272,6 +264,7 @@ def _variable(v: Any, units: Mapping[str, Scales]) -> Variable:
         start=_number(v.start),
         about=" ".join((v.description or "").split()),
         units=others,
+        difference=difference,
     )
 
 
@@ -356,15 +349,17 @@ def _tuned(model: Model, name: str, knob: Knob) -> Knob:
     given = variable.within(knob.unit)
     if given is None:
         raise KnobError(
-            f"knob {knob.name!r}: its unit must be {variable.every_unit} as in the FMU, got "
-            f"{knob.unit!r}: convert its range"
+            f"knob {knob.name!r}: its unit must be {variable.every_unit} as in the FMU, or alike, got "
+            f"{knob.unit!r}"
         )
     if knob.low < given.low or knob.high > given.high:
         range_ = f"[{knob.low:g}, {knob.high:g}]"
         raise KnobError(f"knob {knob.name!r}: its range must lie in {given.limits}, got {range_}")
     if given.whole and not knob.integer:
         raise KnobError(f"knob {knob.name!r}: the FMU's type is {given.type}, so it needs integer=True")
-    unit = next((u for u in (knob.unit, given.unit) if plain(u)), "")
+    stated = plain(knob.unit) not in ("", "1") or given.scale != AS_IT_IS
+    unit = knob.unit if stated else given.unit
+    unit = "" if plain(unit) == "1" and given.scale == AS_IT_IS else unit
     return replace(knob, unit=unit, about=knob.about or variable.about)
 
 

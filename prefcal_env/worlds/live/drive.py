@@ -59,7 +59,7 @@ def experiment_of(rig: LivePlan, theta: Float[np.ndarray, " n"], rows: Sequence[
     """
     nothing = bool(never_good(rig, rows))
     kept = slice(0, 0) if nothing else slice(None)
-    read = {tag: np.array([row[tag.key] for _, row in rows])[kept] for tag in rig.tags}
+    read = {tag: rig.as_output(tag, np.array([row[tag.key] for _, row in rows])[kept]) for tag in rig.tags}
     drawn = [tag for tag in rig.tags if tag.role != "reference"]
     t = np.array([instant for instant, _ in rows])[kept]
     curves = {

@@ -18,6 +18,7 @@ from prefcal_env.experiments.experiment import Channel, Channels, Experiment
 from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.sources.source import Change
+from prefcal_env.units import Values, convert, same
 
 
 class LivePlant(Protocol):
@@ -162,7 +163,7 @@ class Tag(Channel):
         name: Name, as shown to people; a reference has the name of its output.
         node: Address of the node.
         role: "output", "input" or "reference".
-        unit: Unit of the values.
+        unit: Unit of the values; a reference is converted to the unit of its output.
         low: Lower limit that is drawn and counts in KPIs, in `unit`.
         high: Upper limit that is drawn and counts in KPIs, in `unit`.
         abort: Limits (low, high) in `unit`; a value outside stops the run as unsafe.
@@ -382,6 +383,28 @@ class LivePlan:
                 raise SettingsError(
                     f"a reference must have the name of an output, {sorted(outputs)}, got {name!r}"
                 )
+        for tag in self.tags:
+            self.as_output(tag, 0.0)
+            for each in written:
+                units = tag.unit, each.knob.unit
+                if tag.node == each.node and all(units) and not same(*units):
+                    raise SettingsError(
+                        f"{each.knob.name!r} is in {units[1]}, but its node {tag.node!r} is read as "
+                        f"{tag.name!r} in {units[0]}: give both the unit that it has on the plant"
+                    )
+
+    def as_output(self, tag: Tag, values: Values) -> Values:
+        """Return values of a tag; those of a reference in the unit of its output.
+
+        Raises:
+            SettingsError: If they cannot be converted.
+        """
+        output = next((t for t in self.tags if t.name == tag.name and t.role == "output"), tag)
+        written = (each.knob.unit for each in (*self.knobs, *self.start) if each.node == tag.node)
+        unit = tag.unit or next(written, "")
+        if tag.role != "reference" or not unit or not output.unit:
+            return values
+        return convert(values, unit, output.unit, f"the reference of {tag.name!r}", SettingsError)
 
     @property
     def space(self) -> KnobSpace:

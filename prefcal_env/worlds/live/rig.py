@@ -194,12 +194,16 @@ class _Followed(Run):
         with self._lock:
             rows = self._rows[:: max(1, -(-len(self._rows) // 400))]  # so many are drawn at most
         tags = self._rig.tags
-        referenced = {tag.name for tag in tags if tag.role == "reference"}
+        references = {tag.name: tag for tag in tags if tag.role == "reference"}
         curves = tuple(
             RunCurve(
                 tag,
                 tuple(row.values[tag.key] for row in rows),
-                tuple(row.values[f"reference {tag.name}"] for row in rows if tag.name in referenced),
+                tuple(
+                    self._rig.as_output(aim, row.values[aim.key])
+                    for row in rows
+                    if (aim := references.get(tag.name)) is not None
+                ),
             )
             for tag in tags
             if tag.role == "output"

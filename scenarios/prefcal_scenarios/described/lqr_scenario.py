@@ -19,7 +19,7 @@ from prefcal_env.plants.systems import LinearSystem
 from prefcal_scenarios.scenario import Scenario
 
 from .design import Design, design, settling
-from .steps import plant_of, scenario_of_steps, space_of, theta_of
+from .steps import Factors, plant_of, scenario_of_steps, space_of, theta_of
 
 _TIMES = (5, 10, 20, 50, 100, 200)
 """Ratios of the weights of error and integrated error to try, as times, in samples."""
@@ -48,7 +48,7 @@ def lqr_scenario(
 
     Args:
         plant: Plant, or a linear system that `Plant.of` takes. The controller measures its states.
-        knobs: Knobs that replace those of the same name.
+        knobs: Knobs that replace those of the same name; Q_i may be in another unit of time.
         reference: Reference after the step by output, in its unit; None to find it.
         horizon: Duration of an experiment, in the plant's unit of time; None to find it.
         title: Title for headings.
@@ -65,16 +65,16 @@ def lqr_scenario(
             f"plant {plant.name!r} has no states that an LQR could feed back: tune a PID for it"
         )
     found = design(plant, _tuned, reference, horizon)
-    space = space_of(_knobs(plant, found), knobs, "LQR")
+    space, factors = space_of(_knobs(plant, found), knobs, "LQR")
     return scenario_of_steps(
         plant,
         found,
-        LQRs.of(plant, found),
+        LQRs.of(plant, found, factors),
         space,
         name="lqr",
         brief=brief,
         title=title or f"LQR of {plant.name}",
-        references={"robust": theta_of(space, found.middle.tolist())},
+        references={"robust": theta_of(space, found.middle / factors)},
     )
 
 
@@ -85,9 +85,10 @@ class LQRs:
     design: Design  # what was chosen for the plant
     model: Linearized  # plant near the operating point, with the limits of the loops' inputs
     plant: LinearSystem  # sampled plant, from all inputs to all states and then the controlled outputs
+    factors: Factors | float = 1.0  # of θ
 
     @classmethod
-    def of(cls, plant: Plant, found: Design) -> "LQRs":
+    def of(cls, plant: Plant, found: Design, factors: Factors | float = 1.0) -> "LQRs":
         """Return them for a plant. Raises ScenarioError if it has no continuous model."""
         point = found.point
         try:
@@ -97,7 +98,7 @@ class LQRs:
         low, high = m.low.copy(), m.high.copy()
         for loop in found.loops:
             low[loop.input], high[loop.input] = loop.channel.low, loop.channel.high
-        return cls(found, replace(m, low=low, high=high), _whole(plant, found))
+        return cls(found, replace(m, low=low, high=high), _whole(plant, found), factors)
 
     def around(self, plant: Plant, found: Design) -> "LQRs":
         """Return the same LQRs, of the same model, around another plant."""
@@ -107,7 +108,8 @@ class LQRs:
         """Return the controller for weights θ, shape (n,)."""
         m, loops = self.model, self.design.loops
         n, steps = len(loops), np.array([loop.step for loop in loops])
-        Q_y, Q_i = np.reshape(np.asarray(theta, dtype=float)[: 2 * n], (n, 2)).T
+        theta = np.asarray(theta, dtype=float) * self.factors
+        Q_y, Q_i = np.reshape(theta[: 2 * n], (n, 2)).T
         C = m.C[[loop.output for loop in loops]] / steps[:, None]
         span = np.where(np.isfinite(m.high - m.low), m.high - m.low, 1.0)
         return LQR(

@@ -1,7 +1,7 @@
 """Make a `Scenario` of its description: the plant that a file names, a rig, and the rest."""
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -23,6 +23,7 @@ from prefcal_env.plain import Keys
 from prefcal_env.plants.systems import LIBRARIES
 from prefcal_env.sources import Rig
 from prefcal_env.sources.source import function_of
+from prefcal_env.units import conversion
 from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.names import CONTROLLERS, either
 from prefcal_scenarios.own import module_at
@@ -260,9 +261,11 @@ def _kpis(
 ) -> tuple[KPI, ...]:
     channels = made.source.channels
     known = {kpi.name: kpi for kpi in made.kpis}
+    tracking = {} if channels is None else every_tracking_kpi(channels)
     if channels is not None:
-        known = every_tracking_kpi(channels) | _margins(made) | known
-    return tuple(_kpi(name, value, known, where) for name, value in stated.items())
+        known = tracking | _margins(made) | known
+    # Tracking KPIs are differences of outputs from their references.
+    return tuple(_kpi(name, value, known, where, tracking) for name, value in stated.items())
 
 
 def _margins(made: Scenario) -> dict[str, KPI]:
@@ -280,7 +283,13 @@ def _with_margins(made: Scenario, kpis: tuple[KPI, ...]) -> dict[str, Any]:
     return {"run": made.source.measured(lambda _: MarginKPIs(function_of(made.source)))}
 
 
-def _kpi(name: str, value: float | str | Mapping[str, Any], known: Mapping[str, KPI], where: str) -> KPI:
+def _kpi(
+    name: str,
+    value: float | str | Mapping[str, Any],
+    known: Mapping[str, KPI],
+    where: str,
+    differences: Collection[str],
+) -> KPI:
     """Return a KPI that is known by its name, or has a formula; lower is better unless it says more."""
     plain = {"at_most": value} if isinstance(value, float | int) else {"formula": value}
     given = stated(value if isinstance(value, Mapping) else plain, f"{where}, [kpis] {name!r}", KPI)
@@ -291,11 +300,24 @@ def _kpi(name: str, value: float | str | Mapping[str, Any], known: Mapping[str, 
         )
     try:
         if "formula" not in given:
-            return replace(known[name], **given)
+            return replace(known[name], **_in_its_unit(known[name], given, differences))
         aims = {"at_most", "at_least", "better"} & given.keys()
         return KPI(**{"name": name, "title": name, "better": None if aims else "lower", **given})
     except ScenarioError as error:
         raise ScenarioError(f"{where}, [kpis] {name!r}: {error}") from error
+
+
+def _in_its_unit(kpi: KPI, given: dict[str, Any], differences: Collection[str]) -> dict[str, Any]:
+    """Return what a file says of a KPI, with its numbers in the unit in which the KPI is computed."""
+    unit = given.get("unit")
+    if unit is None or not kpi.unit:
+        return given
+    found = conversion(unit, kpi.unit, difference=kpi.name in differences)
+    if found is None or found.offset:  # whether a temperature is a difference is not known of others
+        raise ScenarioError(f"its unit must be {kpi.unit}, or one that converts into it, got {unit!r}")
+    sizes = ("at_most", "at_least", "resolution")
+    converted = {key: found.to(given[key]) for key in sizes if given.get(key) is not None}
+    return {**given, **converted, "unit": kpi.unit}
 
 
 def _panels(d: Description, made: Scenario, where: str) -> tuple[Panel, ...]:

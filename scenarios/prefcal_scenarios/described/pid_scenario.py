@@ -15,7 +15,7 @@ from prefcal_env.plants.systems import LinearSystem
 from prefcal_scenarios.scenario import Scenario
 
 from .design import SAMPLES, Design, Single, design, settling
-from .steps import plant_of, scenario_of_steps, space_of, theta_of
+from .steps import Factors, plant_of, scenario_of_steps, space_of, theta_of
 
 N = 10.0
 """Filter of the derivative part: its largest gain relative to K_p."""
@@ -53,7 +53,7 @@ def pid_scenario(
 
     Args:
         plant: Plant, or a linear system that `Plant.of` takes.
-        knobs: Knobs that replace those of the same name.
+        knobs: Knobs that replace those of the same name. Times may be in another unit than the plant's.
         reference: Reference after the step by output, in its unit; None for the channels' targets,
             or what a fifth of the input's range achieves. Only these outputs are controlled.
         horizon: Duration of an experiment, in the plant's unit of time; None to find it.
@@ -61,25 +61,27 @@ def pid_scenario(
         brief: Description of the task for the person who compares.
 
     Raises:
-        ScenarioError: If there is no steady state, a name does not exist, or no PID stabilizes the
-            plant.
+        ScenarioError: If there is no steady state, a name does not exist, a knob has a unit that does
+            not fit the plant's, or no PID stabilizes the plant.
         PlantError: If `plant` is neither a plant nor a linear system.
     """
     plant = plant_of(plant, horizon)
     found = design(plant, _tuned, reference, horizon)
     made = [knob for k in range(len(found.loops)) for knob in _knobs(plant, found, k)]
-    space = space_of(made, knobs, "PID")
+    loops = [(plant.outputs[loop.output], loop.channel) for loop in found.loops]
+    unstated = [f"K_p{found.suffix(k)}" for k, (y, u) in enumerate(loops) if not (y.unit and u.unit)]
+    space, factors = space_of(made, knobs, "PID", unstated)
     # The rules that apply to every loop.
     named = [n for n in found.loops[0].tunings if all(n in loop.tunings for loop in found.loops)]
     tunings = {name: [loop.tunings[name] for loop in found.loops] for name in named}
     references = {
-        name: theta_of(space, [v for t in each for v in (abs(t.K_p), t.T_i, t.T_d, 1.0)])
+        name: theta_of(space, np.ravel([(abs(t.K_p), t.T_i, t.T_d, 1.0) for t in each]) / factors)
         for name, each in tunings.items()
     }
     return scenario_of_steps(
         plant,
         found,
-        PIDs.of(found),
+        PIDs.of(found, factors),
         space,
         name="pid",
         title=title or f"PID of {plant.name}",
@@ -94,17 +96,18 @@ class PIDs:
 
     design: Design  # what was chosen for the plant
     plant: LinearSystem  # sampled linear plant, from the inputs to the outputs of the loops
+    factors: Factors  # of θ
 
     @classmethod
-    def of(cls, found: Design) -> "PIDs":
+    def of(cls, found: Design, factors: Factors) -> "PIDs":
         """Return them for what was chosen for a plant."""
         rows, columns = [p.output for p in found.loops], [p.input for p in found.loops]
         delay = found.delay[np.ix_(rows, columns)]
-        return cls(found, sampled(found.J.part(rows, columns), found.T_s, delay))
+        return cls(found, sampled(found.J.part(rows, columns), found.T_s, delay), factors)
 
     def around(self, plant: Plant, found: Design) -> "PIDs":
         """Return the same PIDs around another plant."""
-        return PIDs.of(found)
+        return PIDs.of(found, self.factors)
 
     def make(self, theta: Float[np.ndarray, " n"]) -> PID | Decentralized:
         """Return the controller for a physical θ, shape (n,): a PID, or one for each loop."""
@@ -133,7 +136,7 @@ class PIDs:
 
     def _tunings(self, theta: Float[np.ndarray, " n"]) -> list[tuple[Single, Tuning, float]]:
         """Return each loop with its tuning, which has the sign of the robust one, and with b."""
-        rows = np.reshape(np.asarray(theta, dtype=float), (-1, 4)).tolist()
+        rows = np.reshape(np.asarray(theta, dtype=float) * self.factors, (-1, 4)).tolist()
         return [
             (loop, Tuning(float(np.sign(loop.tunings["robust"].K_p)) * K_p, T_i, T_d), b)
             for loop, (K_p, T_i, T_d, b) in zip(self.design.loops, rows, strict=True)
@@ -203,7 +206,8 @@ def _knobs(plant: Plant, found: Design, k: int) -> list[Knob]:
     y, u, center = plant.outputs[loop.output], loop.channel, loop.tunings["robust"]
     where = f"Loop {end[1:]}, {y.name} by {u.name}. " if end else ""
     about = {name: where + text for name, text in _ABOUT.items()}
-    unit = f"{u.unit or '1'}/{y.unit}" if y.unit else u.unit
+    below = f"({y.unit})" if set(y.unit) & set("/ *·") else y.unit
+    unit = f"{u.unit or '1'}/{below}" if y.unit else u.unit
     gain = _around([abs(t.K_p) for t in loop.tunings.values()])
     times = _around([t.T_i for t in loop.tunings.values()])
     return [

@@ -1,6 +1,6 @@
 """The scenario of a plant whose references step one after the other, then loads act, and its KPIs."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Protocol, Self
@@ -18,6 +18,7 @@ from prefcal_env.experiments.experiment import Channel, Controller, Experiment
 from prefcal_env.experiments.panels import Panel
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.plants.plant import Disturbed, Plant
+from prefcal_env.units import conversion
 from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.scenario import KPI, Scenario
 
@@ -164,11 +165,20 @@ def plant_of(plant: Any, horizon: float | None) -> Plant:
     return found
 
 
-def space_of(knobs: Sequence[Knob], own: Sequence[Knob], kind: str) -> KnobSpace:
-    """Return the space of `knobs`, where those of the same name in `own` replace them.
+Factors = Float[np.ndarray, " n"]
+"""What the values of the knobs are multiplied by to be in the plant's units, shape (n,)."""
+
+
+def space_of(
+    knobs: Sequence[Knob], own: Sequence[Knob], kind: str, unstated: Collection[str] = ()
+) -> tuple[KnobSpace, Factors]:
+    """Return the space of `knobs`, where those of the same name in `own` replace them, and its factors.
+
+    An own knob without a unit gets that of the knob that it replaces. Those in `unstated` may have any,
+    since the plant does not say what they are in.
 
     Raises:
-        ScenarioError: If an own knob has another name.
+        ScenarioError: If an own knob has another name, or a unit that cannot be converted to the plant's.
     """
     names, given = [knob.name for knob in knobs], {knob.name: knob for knob in own}
     for name in given:
@@ -177,11 +187,28 @@ def space_of(knobs: Sequence[Knob], own: Sequence[Knob], kind: str) -> KnobSpace
                 f"no knob of this {kind} is called {name!r}.{did_you_mean(name, names)} "
                 f"Expected one of {names}"
             )
-    chosen = [(given.get(knob.name, knob), knob.about) for knob in knobs]
-    return KnobSpace([replace(knob, about=knob.about or about) for knob, about in chosen])
+    chosen, factors = [], np.ones(len(knobs))
+    for i, knob in enumerate(knobs):
+        one = given.get(knob.name, knob)
+        if one.name not in unstated and one.unit:
+            factors[i] = _factor(one, knob.unit or "1")
+        chosen.append(replace(one, unit=one.unit or knob.unit, about=one.about or knob.about))
+    return KnobSpace(chosen), factors
 
 
-def theta_of(space: KnobSpace, values: Sequence[float]) -> Float[np.ndarray, " n"]:
+def _factor(knob: Knob, unit: str) -> float:
+    """Return what values of an own knob are multiplied by to be in the plant's `unit`."""
+    found = conversion(knob.unit, unit)
+    expected = f"knob {knob.name!r}: its unit must be {unit}, as that of the plant, got {knob.unit}"
+    if found is None:
+        raise ScenarioError(expected)
+    if found.factor != 1 and knob.name.startswith("K_p"):
+        # Reports state gains in the plant's units beside it: one number, one unit.
+        raise ScenarioError(f"{expected}: multiply its range by {found.factor:.6g}")
+    return found.factor
+
+
+def theta_of(space: KnobSpace, values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """Return values of the knobs, rounded and moved into their ranges, shape (n,)."""
     pairs = zip(space, values, strict=True)
     return np.array([knob.round(min(max(v, knob.low), knob.high)) for knob, v in pairs])

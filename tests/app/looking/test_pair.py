@@ -43,12 +43,38 @@ def test_curves_share_a_panel_by_name_and_unit_whatever_their_instants():
     assert [len(view[side]["curves"][0][0]["t"]) for side in ("left", "right")] == [101, 77]
 
 
-def test_another_unit_gets_a_panel_and_kpis_of_its_own():
-    found = look(run(), run(unit="cm"))
-    assert titles(found) == [("level", "m"), ("level", "cm"), ("valve", "")]
+def test_another_quantity_gets_a_panel_and_kpis_of_its_own():
+    found = look(run(), run(unit="bar"))
+    assert titles(found) == [("level", "m"), ("level", "bar"), ("valve", "")]
     rows = [r for r in found.kpis() if r["title"] == "overshoot of level"]
-    assert {r["unit"] for r in rows} == {"m", "cm"}
+    assert {r["unit"] for r in rows} == {"m", "bar"}
     assert all("–" in (r["left"]["text"], r["right"]["text"]) for r in rows)
+
+
+@pytest.mark.parametrize(("unit", "size", "shift"), [("cm", 0.01, 0.0), ("metres", 1.0, 0.0)])
+def test_another_unit_is_converted_to_the_left_one(unit, size, shift):
+    plain, found = look(run(), run(0.1)), look(run(), run(0.1, unit=unit))
+    assert titles(found) == titles(plain)
+    (one,), (other,) = (
+        [r for r in each.kpis() if r["title"] == "integrated error of level"] for each in (plain, found)
+    )
+    assert (other["unit"], other["left"]) == ("m s", one["left"])
+    error = plain.right.experiment.kpis["integrated error of level"]
+    assert found.right.experiment.kpis["integrated error of level"] == pytest.approx(size * error)
+    level = "level"
+    np.testing.assert_allclose(
+        found.right.experiment.signals[level], size * plain.right.experiment.signals[level]
+    )
+    assert any("is converted from cm to m" in note for note in found.notes) == (unit == "cm")
+
+
+def test_temperatures_are_shifted_and_their_differences_are_not():
+    found = look(run(unit="°C"), run(unit="K"))
+    left, right = found.left.experiment, found.right.experiment
+    np.testing.assert_allclose(right.signals["level"], left.signals["level"] - 273.15)
+    name = "integrated error of level"
+    assert right.kpis[name] == pytest.approx(left.kpis[name])
+    assert {r["unit"] for r in found.kpis() if r["title"] == name} == {"°C s"}
 
 
 def test_a_curve_of_one_run_only_is_drawn_there():

@@ -88,6 +88,7 @@ def test_other_settings_than_todays_are_refused_unless_wanted(best):
         ({"theta": {"T_s": 1.0}}, ScenarioError, "must name the knobs"),
         ({"theta": {"T_s": 9.0, "N_p": 4, "gain": 1.0}}, ScenarioError, "must be in"),
         ({"theta": {"T_s": "x", "N_p": 4, "gain": 1.0}}, ScenarioError, "does not fit"),
+        ({"units": {"T_s": "min"}}, ScenarioError, "knob 'T_s' is in min there, and in h in scenario"),
     ],
 )
 def test_a_best_json_that_does_not_fit_is_refused(best, changes, error, words):

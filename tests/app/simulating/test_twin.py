@@ -30,6 +30,18 @@ def test_a_scenario_that_cannot_be_the_twin_is_refused(wrong, complaint):
         twin_of(plant, wrong)
 
 
+@pytest.mark.parametrize("unit", ["min", "m"])
+def test_a_twin_with_a_kpi_in_another_unit_is_refused(unit):
+    first, *others = plant.kpis
+    ours, theirs = (
+        replace(each, kpis=(replace(first, unit=stated), *others))
+        for each, stated in ((plant, "s"), (replace(model, kpis=plant.kpis), unit))
+    )
+    with pytest.raises(SettingsError, match=f"{first.name!r} is in {unit}, expected s"):
+        twin_of(ours, theirs)
+    assert twin_of(ours, replace(theirs, kpis=(replace(first, unit="sec"), *others))).name == "model"
+
+
 def test_a_plant_needs_kpis_with_a_direction_if_its_twin_has_some():
     bare = replace(plant, kpis=tuple(replace(kpi, better=None) for kpi in plant.kpis))
     with pytest.raises(SettingsError, match="'plant' must have KPIs with a direction, as its twin"):

@@ -451,6 +451,9 @@ def test_a_panel_states_what_differs_from_its_channel_and_scales_the_rest():
     plot = Panel("motor", title="voltage", unit="mV", scale=1000.0, high=9000.0).plot(run())
     assert plot.channel == Channel("voltage", "mV", low=-12000.0, high=9000.0)
     assert plot.values(run())[0] == 20000.0
+    assert Panel("motor", title="voltage", unit="mV", high=9000.0).plot(run()) == plot
+    with pytest.raises(ScenarioError, match="its unit must be V, or one that V converts into by a factor"):
+        Panel("motor", unit="A").plot(run())
     upside_down = Panel("motor", unit="-V", scale=-1.0).plot(run()).channel
     assert (upside_down.low, upside_down.high) == (-12.0, 12.0)
 

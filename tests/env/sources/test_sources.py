@@ -231,8 +231,8 @@ def test_a_time_stamp_that_cannot_be_read_is_refused_with_its_line(old, new, wor
         (HEAD, "2 rows of values or more, got 0"),
         (GOOD.replace("flow", "flaw"), "column 'flow' is missing"),
         (GOOD.replace("flow [m³/h]", "power [%]"), "column 'power' appears 2 times"),
-        (GOOD.replace("[°C]", "[K]"), "column 'temperature' is in K, expected °C"),
-        (GOOD.replace("[min]", "[s]"), "column 'time' is in s, expected min"),
+        (GOOD.replace("[°C]", "[bar]"), "column 'temperature' is in bar, expected °C"),
+        (GOOD.replace("[min]", "[m]"), "column 'time' is in m, expected min"),
         (GOOD.replace("23.5", "warm"), "line 4, column 'temperature': expected a number, got 'warm'"),
         (GOOD.replace("23.5", ""), "line 4, column 'temperature': expected a number, got nothing"),
         (GOOD.replace("23.5", "nan"), "line 4, column 'temperature'"),
@@ -312,9 +312,29 @@ def test_a_changing_reference_has_a_column():
     assert np.array_equal(RIG.read(text, THETA).y_ref[:, 0], [30, 30, 35])
 
 
-def test_a_reference_in_another_unit_is_refused():
-    with pytest.raises(RecordError, match="column 'temperature ref' is in K, expected °C"):
-        RIG.read(GOOD.replace("[%]", "[%],temperature ref [K]", 1), THETA)
+def test_a_reference_of_another_quantity_is_refused():
+    with pytest.raises(RecordError, match="column 'temperature ref' is in bar, expected °C"):
+        RIG.read(GOOD.replace("[%]", "[%],temperature ref [bar]", 1), THETA)
+
+
+@pytest.mark.parametrize(
+    ("heading", "scale", "shift"),
+    [
+        ("temperature [K]", 1.0, -273.15),
+        ("temperature [degF]", 5 / 9, -160 / 9),
+        ("temperature (℃)", 1.0, 0.0),
+    ],
+)
+def test_a_column_in_another_unit_is_converted(heading, scale, shift):
+    made = replace(RIG, ranges={}).read(GOOD.replace("temperature [°C]", heading), THETA)
+    np.testing.assert_allclose(made.x[:, 0], scale * np.array([20, 21, 23.5]) + shift, atol=1e-9)
+
+
+@pytest.mark.parametrize("unit", ["minutes", "Min", "MIN"])
+def test_a_time_is_in_the_unit_of_the_rig_however_that_is_spelled(unit):
+    assert RIG.read(GOOD.replace("[min]", f"[{unit}]"), THETA) == RIG.read(GOOD, THETA)
+    made = RIG.read(GOOD.replace("[min]", "[s]"), THETA)
+    np.testing.assert_allclose(60 * made.t, [0, 0.5, 1.0])
 
 
 @pytest.mark.parametrize("kpis", [lambda e: {"t": e.t[[99]]}, lambda e: 3, lambda e: {"t": "x"}])

@@ -105,8 +105,10 @@ def test_a_reference_comes_from_a_column_or_a_number():
     for letter, value in zip("abcd", "2233", strict=True):
         table = table.replace(f",{letter}\n", f",{value}\n")
     assert np.array_equal(from_frame(table, 1.0, **USE).y_ref[:, 0], [2, 2, 3, 3])
-    named = from_frame(GOOD, 1.0, outputs="level", reference={"level": "valve"})
-    assert np.array_equal(named.y_ref[:, 0], [5, 6, 7, 8])
+    named = from_frame(GOOD.replace("%", "cm"), 1.0, outputs="level", reference={"level": "valve"})
+    np.testing.assert_allclose(named.y_ref[:, 0], [0.05, 0.06, 0.07, 0.08])
+    with pytest.raises(RecordError, match="column 'valve' is in %, which cannot be converted to m"):
+        from_frame(GOOD, 1.0, outputs="level", reference={"level": "valve"})
     assert from_frame(GOOD, 1.0, reference={"level": 3.0}, **USE).channels.y[0].target == 3.0
 
 

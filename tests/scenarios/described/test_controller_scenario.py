@@ -341,3 +341,47 @@ def test_own_knobs_replace_those_found_and_others_are_refused():
 def test_a_plant_that_no_lqr_controls_is_refused(plant, said):
     with pytest.raises(ScenarioError, match=said):
         lqr_scenario(plant)
+
+
+def in_minutes(**more):
+    """Return a lag with dead time in minutes, from % to °C."""
+    return Plant.of(
+        ([0.8], [20, 1]), delay=6.0, inputs=[VALVE], outputs=[Channel("T", "°C")], time_unit="min", **more
+    )
+
+
+def test_times_of_a_knob_reach_the_controller_in_the_unit_of_the_plant():
+    plain = pid_scenario(in_minutes(), knobs=[Knob("T_i", 1, 100, "min")])
+    seconds = pid_scenario(in_minutes(), knobs=[Knob("T_i", 60, 6000, "s"), Knob("b", 0, 100, "%")])
+    assert [k.unit for k in seconds.space] == ["%/°C", "s", "min", "%"]
+    theta, other = np.array([1.6, 9.0, 0.0, 0.5]), np.array([1.6, 540.0, 0.0, 50.0])
+    assert seconds.controller(other).parameters == plain.controller(theta).parameters
+    assert seconds.run(other).kpis == plain.run(theta).kpis
+    robust = seconds.references["robust"]
+    assert robust[1] == pytest.approx(60 * plain.references["robust"][1], rel=0.03)
+
+
+def test_weights_of_an_lqr_reach_it_in_the_unit_of_the_plant():
+    plant = Plant.of(([1.0], [1, 2, 1]), time_unit="min")
+    plain, seconds = lqr_scenario(plant), lqr_scenario(plant, knobs=[Knob("Q_i", 1e-6, 1e-2, "1/s²")])
+    one, other = plain.controller(np.array([1.0, 3.6])), seconds.controller(np.array([1.0, 0.001]))
+    np.testing.assert_allclose(one.K_i, other.K_i, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("knob", "words"),
+    [
+        (Knob("K_p", 0.5, 5, "°C/%"), "its unit must be %/°C, as that of the plant, got °C/%"),
+        (Knob("K_p", 0.005, 0.05, "1/K"), "got 1/K: multiply its range by 100"),
+        (Knob("T_i", 1, 100, "m"), "its unit must be min, as that of the plant, got m"),
+        (Knob("b", 0, 1, "%/K"), "its unit must be 1, as that of the plant, got %/K"),
+    ],
+)
+def test_a_knob_in_a_unit_of_something_else_is_refused(knob, words):
+    with pytest.raises(ScenarioError, match=words):
+        pid_scenario(in_minutes(), knobs=[knob])
+
+
+def test_a_knob_without_a_unit_has_that_of_the_plant():
+    knobs = [Knob("T_i", 1, 100), Knob("K_p", 0.5, 5, "%/K", scale="log10")]
+    assert [k.unit for k in pid_scenario(in_minutes(), knobs=knobs).space][:2] == ["%/K", "min"]

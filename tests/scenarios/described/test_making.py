@@ -88,6 +88,27 @@ def test_a_rig_needs_no_code(written):
     assert oven.run.read(record, np.array([2.0, 0.1])).kpis["settling time of temperature"] == 2.0
 
 
+@pytest.mark.parametrize(
+    ("stated", "expected"),
+    [
+        ('"settling time of temperature" = { at_most = 90, unit = "s" }', (1.5, "min")),
+        ('"overshoot of temperature" = { at_most = 9, unit = "°F" }', (5.0, "°C")),
+        ('"overshoot of temperature" = { at_most = 9, unit = "K" }', (9.0, "°C")),
+    ],
+)
+def test_the_limit_of_a_kpi_is_converted_to_the_unit_in_which_it_is_computed(written, stated, expected):
+    head, _, tail = OVEN.partition("[kpis]")
+    (kpi,) = load(written(f"{head}[kpis]\n{stated}\n[panels]{tail.partition('[panels]')[2]}")).kpis
+    assert (pytest.approx(kpi.at_most), kpi.unit) == expected
+
+
+def test_the_limit_of_a_kpi_in_a_unit_of_something_else_is_refused(written):
+    head, _, tail = OVEN.partition("[kpis]")
+    lines = '[kpis]\n"settling time of temperature" = { at_most = 90, unit = "m" }\n[panels]'
+    with pytest.raises(ScenarioError, match="its unit must be min, or one that converts into it, got 'm'"):
+        load(written(head + lines + tail.partition("[panels]")[2]))
+
+
 def test_a_file_without_kpis_gets_them_and_one_that_says_none_has_none(written):
     assert load(written(KNOB)).kpis[0].name == "settling time of a"
     assert load(written(f'kpis = "none"\n{KNOB}')).kpis == ()

@@ -1,12 +1,14 @@
 """Display units of an FMU: knobs, curves, references and limits in another unit than its own."""
 
+import zipfile
+
 import numpy as np
 import pytest
 
 from prefcal_env import FMULoop, Knob
 from prefcal_env.errors import KnobError, PlantError
 from prefcal_env.worlds.fmu import read_model
-from prefcal_env.worlds.fmu.model import display_units
+from prefcal_env.worlds.fmu.model import units_in
 from worlds.fmu.building import built, changed
 
 pytest.importorskip("fmpy")
@@ -69,6 +71,34 @@ def test_curves_references_and_limits_are_in_the_unit_that_is_asked_for(tank):
     np.testing.assert_allclose(other.u, 1.8 * in_kelvin.u)  # a difference has no offset
 
 
+@pytest.mark.parametrize(("said", "own"), [("true", None), (None, "true"), ("true", "false")])
+def test_a_variable_that_is_a_difference_has_no_offset(tank, tmp_path, said, own):
+    """`said` is what the type says of it, and `own` what it says itself, which counts."""
+    of_type = "" if said is None else f' relativeQuantity="{said}"'
+    of_variable = "" if own is None else f' relativeQuantity="{own}"'
+    replace = [
+        ('<Real unit="K" relativeQuantity="true"/></SimpleType>', f'<Real unit="K"{of_type}/></SimpleType>'),
+        ('<Real declaredType="Step"/>', f'<Real declaredType="Step"{of_variable}/>'),
+    ]
+    model = read_model(changed(tank, tmp_path / "difference.fmu", replace=replace))
+    difference = "true" in (own, said) and own != "false"
+    assert model.variable("valve").difference == difference
+    for unit, kelvin in (("degC", 282.15), ("degF", (9 + 459.67) / 1.8)):
+        stored = model.variable(f"valve [{unit}]").scale.back(9.0)
+        assert stored == pytest.approx((9.0 if unit == "degC" else 5.0) if difference else kelvin)
+
+
+def test_a_difference_of_fmi_3_is_found_on_the_variable(tmp_path):
+    text = (
+        '<fmiModelDescription><ModelVariables><Float64 name="band" relativeQuantity="true"/>'
+        '<Float64 name="T" relativeQuantity="false"/><Float64 name="p"/>'
+        "</ModelVariables></fmiModelDescription>"
+    )
+    with zipfile.ZipFile(tmp_path / "a.fmu", "w") as file:
+        file.writestr("modelDescription.xml", text)
+    assert units_in(tmp_path / "a.fmu")[1] == {"band": True, "T": False}
+
+
 def test_a_reference_that_is_a_variable_follows_the_unit_of_its_output(tank):
     made = FMULoop(tank, [T_I], {"h": "level [°C]"}, reference={"h": "target"})
     assert made.channels.y[0].unit == "°C"
@@ -92,13 +122,20 @@ def test_an_fmu_with_limits_that_leave_no_range_can_be_read(tank, tmp_path):
         FMULoop(fixed, [Knob("T_i", 5.0, 20.0, "s")], ["level"])
 
 
-def test_another_unit_is_refused_with_those_that_the_fmu_defines(tank):
-    with pytest.raises(KnobError, match="its unit must be 's' or 'min' as in the FMU, got 'h'"):
-        FMULoop(tank, [Knob("T_i", 0.1, 1.0, "h")], ["level"])
-    words = "unit of 'level' must be 'K' or 'degC' or 'degF' as in the FMU, got 'degR'"
+def test_another_quantity_is_refused_with_the_units_that_the_fmu_defines(tank):
+    with pytest.raises(KnobError, match="its unit must be 's' or 'min' as in the FMU, or alike, got 'm'"):
+        FMULoop(tank, [Knob("T_i", 0.1, 1.0, "m")], ["level"])
+    words = "unit of 'level' must be 'K' or 'degC' or 'degF' as in the FMU, or alike, got 'bar'"
     with pytest.raises(PlantError, match=words):
-        FMULoop(tank, [T_I], ["level [degR]"])
+        FMULoop(tank, [T_I], ["level [bar]"])
+
+
+def test_a_unit_that_the_fmu_does_not_define_is_converted_too(tank):
+    made = FMULoop(tank, [Knob("T_i", 0.002, 0.016, "h")], ["level [degR]"], reference={"level": 3.6})
+    seconds = FMULoop(tank, [Knob("T_i", 6.0, 60.0, "s")], ["level"])
+    one, other = seconds(np.array([18.0])), made(np.array([0.005]))
+    np.testing.assert_allclose(other.output(0), 1.8 * one.output(0), rtol=1e-12)
 
 
 def test_an_inverse_display_unit_is_none_to_convert_to(tank):
-    assert set(display_units(tank)["K"]) == {"degC", "degF"}
+    assert set(units_in(tank)[0]["K"]) == {"degC", "degF"}

@@ -400,6 +400,29 @@ def test_a_value_that_was_never_good_is_not_made_up(tmp_path):
     assert np.isfinite(experiment.y).all()
 
 
+def test_a_reference_is_read_in_the_unit_of_its_output(tmp_path):
+    plant = Memory()
+    plant.values["aim"] = 150.0
+    tags = (Tag("level", "level", unit="m"), Tag("level", "aim", "reference", unit="cm"))
+    experiment = drive(memory_rig(plant, tmp_path, tags=tags), plant).experiment
+    np.testing.assert_allclose(experiment.y_ref, 1.5)
+    start = LiveStart(Knob("set-point", 50.0, 250.0, "cm"), "sp", 1000.0, value=200.0)
+    in_cm = memory_rig(Memory(), tmp_path, start=(start,))  # the reference is the node that is written
+    assert in_cm.as_output(in_cm.tags[2], 200.0) == 2.0
+    wrong = (Tag("level", "level", unit="m"), Tag("level", "aim", "reference", unit="bar"))
+    with pytest.raises(SettingsError, match="reference of 'level' is in bar, which cannot be converted to m"):
+        memory_rig(plant, tmp_path, tags=wrong)
+
+
+def test_a_node_has_one_unit(tmp_path):
+    written = memory_rig(Memory(), tmp_path).knobs[0]
+    tags = [Tag("level", "level", unit="m"), Tag("gain", written.node, "input", unit="kg")]
+    with pytest.raises(SettingsError, match="is read as 'gain' in kg: give both the unit"):
+        memory_rig(
+            Memory(), tmp_path, knobs=(replace(written, knob=replace(written.knob, unit="m")),), tags=tags
+        )
+
+
 def test_random_sessions_keep_every_promise():
     outcomes = simulated_sessions.run(300)
     assert sum(outcomes.values()) == 300
