@@ -5,7 +5,7 @@ import io
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from datetime import datetime, timedelta
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -178,7 +178,7 @@ class Rig(Source):
         """Return 60 times of a record, as stamps if there is a format of them."""
         if self.time_format is None:
             return [f"{t}" for t in range(60)]
-        start = datetime(2026, 1, 1)
+        start = datetime(2026, 1, 1, tzinfo=UTC)
         stamps: list[str] = []
         for step in (1.0, 60.0, 3600.0, 86400.0):  # the first one that the format can tell
             stamps = [(start + timedelta(seconds=step * k)).strftime(self.time_format) for k in range(60)]

@@ -229,13 +229,24 @@ class _Used:
         same = steps_back(used.t)
         if len(same):
             used._allow(int(same[0]), len(same), "duplicates", "keep the last row of each time")
-            used = used.taken(np.append(np.diff(used.t) > 0, True))
+            used = used._last_of_each_time()
         long = gaps(used.t)
         if len(long) and "gaps" not in allow:
             k = int(long[0])
             words = gap_words(used.t, k, self.time_unit, len(long))
             raise RecordError(f"{used.place(k + 1)}: {words}: fill it, or give allow=('gaps',) to bridge it")
         return replace(used, t=used.t - used.t[0]) if self.about.from_zero else used
+
+    def _last_of_each_time(self) -> "_Used":
+        """Return one row for each time, with the last value that each column has then."""
+        last = np.flatnonzero(np.append(np.diff(self.t) > 0, True))
+        first = np.append(0, last[:-1] + 1)
+        kept = self.taken(last)
+        values = {}
+        for name, each in self.values.items():
+            there = np.maximum.accumulate(np.where(np.isnan(each), -1, np.arange(len(each))))[last]
+            values[name] = np.where(there < first, np.nan, each[there])
+        return replace(kept, values=values)
 
     def place(self, k: int) -> str:
         """Return where row k is in the source, for messages."""

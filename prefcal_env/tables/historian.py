@@ -1,7 +1,7 @@
 """Tidy a table as historians write it: row numbers, values of bad quality, one row for each tag."""
 
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -45,8 +45,13 @@ def tidied(
         i: NO_HEADING for i, h in enumerate(sheet.headings) if not h.strip() and i not in {*aside, time}
     }
     aside |= {i: "another time" for i in other_times(sheet, time) if i not in taken}
-    sheet = _of_good_quality(replace(sheet, aside=aside), taken, time)
+    sheet = replace(sheet, aside=aside)
+    every = [i for i in range(len(sheet.headings)) if i not in {*taken, *aside}]
+    poor = {i: rows for i in every if (rows := _poor(sheet, i)) is not None}
+    sheet = replace(sheet, aside={**aside, **dict.fromkeys(poor, "quality")})
     long = _Long.of(sheet, time)
+    beside = {time} if long is None else {time, long.tag, long.unit}
+    sheet = _without_poor(sheet, poor, beside)
     return (sheet, time) if long is None else (long.wide(sheet, time_format, repeated=repeated), 0)
 
 
@@ -69,26 +74,22 @@ _FINE = re.compile(r"(good|ok|valid|normal|g|true|uncertain|questionable|substit
 _POOR = re.compile(r"(b|false|not good|not ok|no)\b.*", re.IGNORECASE)
 
 
-def _of_good_quality(sheet: Sheet, taken: Collection[int], time: int) -> Sheet:
-    """Return a sheet with gaps where a quality column says so; such columns are set aside."""
-    poor = {
-        i: found
-        for i in range(len(sheet.headings))
-        if i not in {*taken, *sheet.aside} and (found := _poor(sheet, i)) is not None
-    }
+def _without_poor(
+    sheet: Sheet, poor: Mapping[int, Int[np.ndarray, " M"]], beside: Collection[int | None]
+) -> Sheet:
+    """Return a sheet with gaps in the rows that quality columns call `poor`, but for columns `beside`."""
     if not poor:
         return sheet
     frame, bad = sheet.frame.copy(deep=False), {i: dict(cells) for i, cells in sheet.bad.items()}
-    every = {*range(len(sheet.headings))} - {time, *poor, *sheet.aside}
+    every = [i for i in range(len(sheet.headings)) if i not in {*beside, *sheet.aside}]
     for i, rows in poor.items():
         owner = _owner(sheet, i)
         words = sheet.frame[i].ffill()
         for j in every if owner is None else (owner,):
             there = [row for row in rows.tolist() if not sheet.frame[j].isna().iloc[row]]
             frame[j] = frame[j].mask(np.isin(np.arange(len(frame)), rows))
-            bad.setdefault(j, {}).update({row: f"quality {words.iloc[row]!s:.40}" for row in there})
-    aside = {**sheet.aside, **dict.fromkeys(poor, "quality")}
-    return replace(sheet, frame=frame, bad=bad, aside=aside)
+            bad.setdefault(j, {}).update({row: f"quality {_tag(words.iloc[row])[:40]}" for row in there})
+    return replace(sheet, frame=frame, bad=bad)
 
 
 def _owner(sheet: Sheet, column: int) -> int | None:
@@ -182,13 +183,16 @@ class _Long:
             raise RecordError(f"none of the tags in column {sheet.name(self.tag)!r} has numbers")
         origin = min((s.day for s in found if s.day is not None), default=0)
         times = [s.t + 86400.0 * ((s.day or origin) - origin) for s in found]
+        if any(s.day is not None for s in found):
+            first = min(float(each.min()) for each in times)
+            times = [each - first for each in times]
         t = np.unique(np.concatenate(times))
         rows = [np.searchsorted(t, each) for each in times]
         several = sum(len(each) - len(np.unique(each)) for each in rows)
         if several and not repeated:
             raise RecordError(
-                f"{several} times a tag of column {sheet.name(self.tag)!r} has several values at one time: if "
-                "it is one run, give allow=('duplicates',) to keep the last one"
+                f"{several} times a tag of column {sheet.name(self.tag)!r} has several values at one time: "
+                "if this is one run, give allow=('duplicates',) to keep the last one"
             )
         columns: dict[int, Any] = {0: t if found[0].counted else pd.to_timedelta(t, unit="s")}
         bad = {}
@@ -207,7 +211,7 @@ class _Long:
         said += [
             f"of several values of a tag at one time only the last one is kept ({several} left out)"
         ] * bool(several)
-        said += [*dict.fromkeys(words for signal in found for words in signal.said)]
+        said += next((signal.said for signal in found if signal.said), ())
         headings = (sheet.headings[self.time], *(labeled(s.name, s.unit) for s in found))
         return Sheet(
             headings, pd.DataFrame(columns), lines, sheet.uneven, {}, bad, {}, tuple(said), own_times=True

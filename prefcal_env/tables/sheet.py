@@ -306,10 +306,10 @@ _WORDS = {
 }
 """Values of cells that hold no digits; NaN for an empty one."""
 _BAD = re.compile(
-    r"(bad|error|err|fault|fail(ed)?|invalid|time-?out|i/?o timeout|no (data|good|result|sample|value)"
-    r"|no comm\w*|not (available|connect(ed)?|good|read)|(calc|comm)\w* (failed|fail|off|error|fault)|scan (off|timeout)"
-    r"|out of serv\w*|(over|under) ?range|pt created|intf shut|shutdown|disconnected|offline|unavailable"
-    r"|unknown)\b.*|#[a-z0-9/]+[!?]?|[-?*]+|\[-\d+\].*",
+    r"(bad|err(or)?|fault|fail(ed)?|invalid|(i/?o )?time-?out|no (data|good|result|sample|value|comm\w*)|"
+    r"not (available|connect(ed)?|good|read)|(calc|comm)\w* (failed|fail|off|error|fault)|scan (off|timeout)|"
+    r"out of serv\w*|(over|under) ?range|pt created|intf shut|shutdown|disconnected|offline|unavailable|"
+    r"unknown)\b.*|#[a-z0-9/]+[!?]?|[-?*]+|\[-\d+\].*",
     re.IGNORECASE,
 )
 """What historians, controllers and spreadsheets write if there is no good value."""

@@ -131,7 +131,8 @@ def time_unit_of(sheet: Sheet, column: int, given: str | None, said: str | None 
     """
     name, unit = parts_of(sheet.headings[column])
     spelled = _words(name)[1]
-    return given or unit or said or (spelled if spelled in ("min", "h", "d") else "s")
+    found = given or unit or said or (spelled if spelled in ("min", "h", "d") else "s")
+    return _UNITS.get(found, found)
 
 
 # --- Read the time of each row.
@@ -192,10 +193,11 @@ def _of_numbers(sheet: Sheet, column: int, wanted: str, given: str | None, said:
     counted = None if bracketed or spelled else _counted(found)
     if counted is not None and given in ("ns", "us", "ms"):
         counted = None  # it may be the time since a start
-    source = bracketed or spelled or counted or given
+    source, doubted = bracketed or spelled or counted or given, False
     if source is None:
-        _check_seconds(name, found, plain=words in (["time"], ["t"], ["index"], []))
+        doubted = _doubted(name, found, plain=words in (["time"], ["t"], ["index"], []))
         source = "s"
+    _check_order(sheet, found, source)
     if source == wanted:
         t = found
     else:
@@ -212,7 +214,7 @@ def _of_numbers(sheet: Sheet, column: int, wanted: str, given: str | None, said:
             f"column {name!r} would reach {np.abs(found).max():g} {source}, thousands of years: write its "
             f"unit into the heading, as in '{name} [ms]'"
         )
-    read = source if not bracketed and source != wanted else ""
+    read = source if not bracketed and (source != wanted or doubted) else ""
     return Instants(t, wanted, read, stamped=counted is not None)
 
 
@@ -243,21 +245,27 @@ def _counted(found: Float[np.ndarray, " K"]) -> str | None:
     return "d" if len(steps) and round_in_days.all() and not round_as_they_are.all() else None
 
 
-def _check_seconds(name: str, found: Float[np.ndarray, " K"], *, plain: bool) -> None:
-    """Refuse numbers without a unit that may be seconds or a finer unit.
+def _doubted(name: str, found: Float[np.ndarray, " K"], *, plain: bool) -> bool:
+    """Return whether numbers without a unit are seconds, but with steps that few choose in seconds.
 
-    Counters of milliseconds and finer are whole numbers with steps that nobody chooses in
-    seconds. A column that is just called time (`plain`) is in seconds, except for very long steps.
+    Counters of milliseconds and finer are whole numbers with long steps, and with jitter if a clock
+    made them. A column that is just called time (`plain`) is in seconds if its times are round.
+
+    Raises:
+        RecordError: If they are rather in another unit.
     """
     steps = np.diff(np.unique(found))
     if not len(steps) or not np.equal(np.mod(found, 1), 0).all():
-        return
+        return False
     usual = float(np.median(steps))
-    if usual >= (1000 if plain else 100) and usual % 60:
+    if usual < 100 or not usual % 60:
+        return False
+    if not plain or usual >= 1000 or np.mod(found, usual).any():
         raise RecordError(
             f"column {name!r} has steps of {usual:g} and no unit of time: write it into the heading, as in "
             f"'{name} [ms]' or '{name} [s]', or give units={{{name!r}: 'ms'}}"
         )
+    return True
 
 
 def check_filled(sheet: Sheet, column: int, empty: np.ndarray) -> None:
@@ -372,7 +380,10 @@ def _stamps(sheet: Sheet, column: int, text: Any, time_format: str | None, twelv
         found = _slashed(sheet, column, text)
     else:
         text = text.str.replace(r"(:\d\d),(\d+)", r"\1.\2", regex=True)
-        found = pd.to_datetime(text, format=time_format or "ISO8601", errors="coerce", utc=True)
+        try:
+            found = pd.to_datetime(text, format=time_format or "ISO8601", errors="coerce", utc=True)
+        except ValueError as error:
+            raise RecordError(f"time_format={time_format!r} is no format of time stamps: {error}") from error
     wrong = np.asarray(found.isna())
     if wrong.any():
         other = wrong & ~np.asarray(text.str.match(_CLOCK), dtype=bool)
@@ -394,23 +405,23 @@ def _slashed(sheet: Sheet, column: int, text: Any) -> Any:
     """Return time stamps such as 10/25/2026 13:00:00 if it is clear what is the month."""
     import pandas as pd
 
-    order = {first: "/".join(first) for first in ("mdY", "dmY")}
     fits = []
-    for first in order:
-        date = "/".join(f"%{letter}" for letter in first)
-        for clock in ("%H:%M:%S", "%H:%M", "%H:%M:%S.%f"):
-            for year in (date, date.replace("Y", "y")):
-                found = pd.to_datetime(text, format=f"{year} {clock}", errors="coerce", utc=True)
-                if found.notna().all():
-                    fits.append(found)
-    # On one day, it does not matter.
-    if fits and all(((found - found.iloc[0]) == (fits[0] - fits[0].iloc[0])).all() for found in fits):
-        return fits[0]
-    if fits:
+    for date in ("%m/%d/", "%d/%m/"):
+        for rest in ("%Y %H:%M:%S", "%Y %H:%M", "%Y %H:%M:%S.%f", "%y %H:%M:%S", "%y %H:%M"):
+            found = pd.to_datetime(text, format=date + rest, errors="coerce", utc=True)
+            if found.notna().all():
+                fits.append(found - found.min())
+                break
+    # What is a day must not be taken for a month, which would leave a gap of a month.
+    whole = [s for s in fits if not len(gaps(np.unique(s.dt.total_seconds())))] or fits
+    # Within one day, it does not matter.
+    if len(whole) == 2 and not (whole[0] == whole[1]).all():
         raise RecordError(
-            f"column {sheet.name(column)!r}: {text.iloc[0]!r} may begin with the day or the month: give "
-            "time_format='%d/%m/%Y %I:%M:%S %p' or the like"
+            f"column {sheet.name(column)!r}: {sheet.frame[column].iloc[0]!r} may begin with the day or the "
+            "month: give time_format='%d/%m/%Y %I:%M:%S %p' or the like"
         )
+    if whole:
+        return whole[0] + pd.Timestamp(0, tz="UTC")
     return pd.to_datetime(text, errors="coerce", utc=True, format="ISO8601")
 
 
@@ -435,6 +446,7 @@ def _steady(sheet: Sheet, s: Float[np.ndarray, " K"], day: int | None) -> Clock:
         return Clock(s, day, (words,))
     k, jump = _summer_time(sheet, s, steps, day)
     if not jump:
+        _check_order(sheet, s, "s")
         return Clock(s, day)
     which = "back by an hour at the end" if jump > 0 else "forward by an hour at the beginning"
     words = f"the clock steps {which} of summer time, after {sheet.place(k)}: bridged"
@@ -474,15 +486,16 @@ def _summer_time(
     clear = np.flatnonzero(back & near & beside)
     if len(clear) == 1:
         return int(clear[0]), _HOUR
-    _refuse_unclear(sheet, back & (steps + _HOUR <= MAX_GAP * usual), "an hour")
+    at_night = s[:-1] % _DAY < 4 * _HOUR
+    if day is not None:
+        at_night &= (day + s[:-1] // _DAY + 3) % 7 == 6  # a Sunday; 1970 began on a Thursday
+    # It may be another order of rows, but hardly so when clocks are changed.
+    _refuse_unclear(sheet, back & ((steps + _HOUR <= MAX_GAP * usual) | at_night), "an hour")
     forward = (steps > _HOUR) & (steps - _HOUR <= _NEAR * usual) & (np.diff(hours) == 2) & beside
-    found = np.flatnonzero(forward & (day is not None))
+    found = np.flatnonzero(forward & at_night)
     if day is None or len(found) != 1 or usual >= _HOUR:
         return 0, 0.0
-    k = int(found[0])
-    weekday = (day + int(s[k] // _DAY) + 3) % 7  # 1970 began on a Thursday
-    at_night = s[k] % _DAY < 4 * _HOUR
-    return (k, -_HOUR) if weekday == 6 and at_night else (0, 0.0)
+    return int(found[0]), -_HOUR
 
 
 _NEAR = 1.5  # largest step after a jump that leaves no doubt, in usual ones
@@ -496,6 +509,48 @@ def _refuse_unclear(sheet: Sheet, steps: np.ndarray, what: str) -> None:
             f"{sheet.place(k + 1)}: the clock steps back by about {what}, and a gap leaves open by how much: "
             "write time stamps with their distance from UTC, such as 2026-10-25T02:00:00+01:00"
         )
+
+
+def _check_order(sheet: Sheet, s: Float[np.ndarray, " K"], unit: str) -> None:
+    """Refuse a clock that was set back: sorted by time, what came after would mix with what came before.
+
+    Sorting is right for a few rows that came late, blocks in another order, those that repeat rows,
+    and those that hold other columns.
+    """
+    steps = np.diff(s)
+    back = np.flatnonzero(steps < 0)
+    if not 0 < len(back) <= _MOST_BLOCKS:
+        return  # of more, rows came late, again and again
+    ends = [*back[1:].tolist(), len(s) - 1]
+    begin = 0
+    for k, end in zip(back.tolist(), ends, strict=True):
+        before, late, height = np.arange(k + 1), np.arange(k + 1, end + 1), k + 1 - begin
+        begin = k + 1
+        among = s[before][(s[before] >= s[k + 1]) & (s[before] <= s[end])]
+        if min(height, len(late)) < _FEW or not len(among):
+            continue
+        late = late[(s[late] >= among.min()) & (s[late] <= among.max())]
+        if not _agree(sheet, s, before, late):
+            raise RecordError(
+                f"{sheet.place(k + 1)}: the time steps back by {-steps[k]:g} {unit}, and other values have "
+                "those times already: correct the times, or split the table if it holds several runs"
+            )
+
+
+_MOST_BLOCKS, _FEW = 20, 3
+
+
+def _agree(sheet: Sheet, s: Float[np.ndarray, " K"], before: np.ndarray, late: np.ndarray) -> bool:
+    """Return whether late rows repeat those of the same times, or fill other columns than all before."""
+    filled = sheet.frame.iloc[before].notna().any() & sheet.frame.iloc[late].notna().any()
+    if filled.sum() <= 1:  # the time alone
+        return True
+    order = before[np.argsort(s[before], kind="stable")]
+    same = order[np.minimum(np.searchsorted(s[order], s[late]), len(order) - 1)]
+    one, other = sheet.frame.iloc[same], sheet.frame.iloc[late]
+    equal = one.to_numpy(dtype=object) == other.to_numpy(dtype=object)
+    equal |= one.isna().to_numpy() | other.isna().to_numpy()
+    return bool((s[same] == s[late]).all() and equal.all())
 
 
 # --- Judge the steps of time.

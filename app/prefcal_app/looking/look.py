@@ -267,13 +267,16 @@ def _run_from(path: Path, about: TableColumns) -> NamedRun:
         end=End.TIME_UP,
     )
     experiment = columns.read(sheet, [0.0])  # θ is not known
-    read = f", read as {found.read}," if found.read else ""
+    column = repr(sheet.name(time)) if sheet.name(time) else f"column {time + 1}"
+    read = f", read as {found.read}, in {found.unit}" if found.read else f" in {found.unit}"
+    if found.read == found.unit:
+        read = f" in {found.unit}, as no unit is given"
     taken = {"outputs": outputs, "inputs": about.inputs, "references of": reference}
     words = [f"{what} {', '.join(found)}" for what, found in taken.items() if found]
     places = {name: names[name] for name in used}
     places |= {f"{n} ref": sheet.column(r, "") for n, r in reference.items() if isinstance(r, str)}
     bridged = _bridged(sheet, places)
-    said = (f"time from {sheet.name(time)!r}{read} in {found.unit}", *words, *mended, *bridged, *left_out)
+    said = (f"time from {column}{read}", *words, *mended, *bridged, *left_out)
     return run_of(path.name, experiment, "; ".join(said))
 
 
@@ -392,11 +395,9 @@ def _bridged(sheet: Sheet, places: Mapping[str, int]) -> Iterable[str]:
         if len(there) and there[-1] < len(values) - 1:
             shorter.append(name)
     if bad:
-        count, example = (
-            sum(map(len, bad.values())),
-            next(words for cells in bad.values() for words in cells.values()),
-        )
-        yield f"{count} bad values, such as {example}, are gaps in {', '.join(bad)}"
+        every = [words for cells in bad.values() for words in cells.values()]
+        gaps = "1 bad value is a gap" if len(every) == 1 else f"{len(every)} bad values are gaps"
+        yield f"{gaps} in {', '.join(bad)} ({', '.join([*dict.fromkeys(every)][:3])})"
     if filled:
         yield f"empty cells filled from their neighbors in {', '.join(filled)}"
     if shorter:
