@@ -295,29 +295,33 @@ class _Used:
         """Return a column with empty cells filled.
 
         Loggers write what changes: an input or a reference keeps its value, an output goes straight
-        to its next one. After the row at which the run stopped, outputs stay empty.
+        to its next one and keeps its last one. After the row at which the run stopped, outputs stay
+        empty.
         """
         finite = np.isfinite(values)
         if not finite.any():
             called = self.sheet.name(self.places[name])
             raise RecordError(f"column {called!r} is empty: leave {name!r} out")
         held = name not in self.outputs
-        first = int(np.argmax(finite))
-        bad = self.sheet.bad.get(self.places[name], {})
-        flaws = ~finite & np.array([row in bad for row in self.rows.tolist()])
+        first, stop = int(np.argmax(finite)), self._stop()
+        written = self.sheet.bad.get(self.places[name], {})
+        bad = ~finite & np.array([row in written for row in self.rows.tolist()])
+        flaws = bad.copy()
         if held:  # what holds before the first value is not known, and infinite is not empty
             flaws |= ~finite & ((np.arange(len(values)) < first) | np.isinf(values))
         elif not self.sheet.own_times:
             flaws |= ~finite
-        flaws[self._stop() :] = False
+        flaws[stop:] &= bad[stop:]
         if flaws.any() and "missing" not in self.about.allow:
             k = int(np.argmax(flaws))
             got = self.sheet.got(self.places[name], int(self.rows[k]), values[k])
             lacks = self.sheet.lacking(self.places[name], self.place(k), got, int(flaws.sum()))
             raise RecordError(f"{lacks}: fill it, or give allow=('missing',) to bridge them")
-        filled = bridged(self.t, values, held=held)
+        # Half a pump does not run: what is on or off keeps its value, too.
+        switched = set(values[finite]) == {0.0, 1.0}
+        filled = bridged(self.t, values, held=held or switched)
         if not held:
-            filled[self._stop() :] = np.nan
+            filled[stop:] = np.nan
         return np.asarray(filled)
 
     def _stop(self) -> int:

@@ -1,8 +1,8 @@
 """Tidy a table as historians write it: row numbers, values of bad quality, one row for each tag."""
 
 import re
-from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,8 +15,8 @@ from .sheet import Sheet, is_bad, with_gaps
 from .times import clock_of, other_times
 
 NO_HEADING = "no heading"
-_NAMELESS = re.compile(r"unnamed: \d+|index|", re.IGNORECASE)
-"""What columns of row numbers are called: nothing, as pandas reads that, and as it is called."""
+_COUNTERS = re.compile(r"|unnamed: \d+|index|no\.?|nr\.?|#|row|record|sample", re.IGNORECASE)
+"""What columns of row numbers are called: often nothing, which pandas reads as "Unnamed: 0"."""
 
 
 def tidied(
@@ -39,6 +39,8 @@ def tidied(
     Raises:
         RecordError: If a table of one row for each tag holds what is no number or no time.
     """
+    if sheet.own_times:
+        return sheet, time  # it is tidied
     taken = {time, *(i for i in range(len(sheet.headings)) if sheet.name(i) in used)}
     aside = {i: "row numbers" for i in _row_numbers(sheet) if i not in taken}
     aside |= {
@@ -59,11 +61,11 @@ def _row_numbers(sheet: Sheet) -> Iterator[int]:
     """Yield the columns that number the rows, as an index of pandas does."""
     for i, heading in enumerate(sheet.headings):
         values = sheet.frame[i]
-        if _NAMELESS.fullmatch(heading.strip()) and values.dtype.kind in "iuf":
-            steps = np.diff(values.to_numpy(dtype=float))
-            whole = bool((np.mod(values.to_numpy(dtype=float), 1) == 0).all())
+        if _COUNTERS.fullmatch(heading.strip()) and values.dtype.kind in "iuf":
+            numbers = values.to_numpy(dtype=float, na_value=np.nan)
+            steps = np.diff(numbers)
             # A selection of rows keeps their numbers.
-            if whole and ((steps == 1) | (steps > 0 if i == 0 else False)).all():
+            if (np.mod(numbers, 1) == 0).all() and ((steps == 1).all() or (i == 0 and (steps > 0).all())):
                 yield i
 
 
@@ -107,7 +109,7 @@ def _poor(sheet: Sheet, column: int) -> Int[np.ndarray, " M"] | None:
         return None
     values = sheet.frame[column].ffill()
     if values.dtype.kind in "iufb":
-        numbers = np.nan_to_num(values.to_numpy(dtype=float), nan=192.0)
+        numbers = np.nan_to_num(values.to_numpy(dtype=float, na_value=np.nan), nan=192.0)
         poor = _poor_codes(numbers, {*words})
         return None if poor is None else np.flatnonzero(poor)
     cells = values.fillna("good").astype(str).str.strip()
@@ -142,15 +144,15 @@ _TAGS = (
 _VALUES = ("value", "val", "values", "reading", "state", "measured value", "numeric value", "data", "v")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class _Long:
     """The columns of a table that has one row for each tag."""
 
     time: int
     tag: int
     value: int
-    unit: int | None = None
-    tags: Any = field(default=None, compare=False)  # the tag of each row, a pandas Series of text
+    unit: int | None
+    tags: Any  # the tag of each row, a pandas Series of text
 
     @classmethod
     def of(cls, sheet: Sheet, time: int) -> "_Long | None":
@@ -175,47 +177,60 @@ class _Long:
         """Return the table with a column for each tag, and its rows in the order of time."""
         import pandas as pd
 
-        found, left_out = [], []
+        signals, left_out = [], []
         for tag in self.tags.dropna().unique():
             signal = _Signal.of(self, sheet, np.flatnonzero(self.tags == tag), str(tag), time_format)
-            (left_out if signal is None else found).append(signal or str(tag))
-        if not found:
+            if signal is None:
+                left_out.append(str(tag))
+            else:
+                signals.append(signal)
+        if not signals:
             raise RecordError(f"none of the tags in column {sheet.name(self.tag)!r} has numbers")
-        origin = min((s.day for s in found if s.day is not None), default=0)
-        times = [s.t + 86400.0 * ((s.day or origin) - origin) for s in found]
-        if any(s.day is not None for s in found):
-            first = min(float(each.min()) for each in times)
-            times = [each - first for each in times]
-        t = np.unique(np.concatenate(times))
-        rows = [np.searchsorted(t, each) for each in times]
-        several = sum(len(each) - len(np.unique(each)) for each in rows)
+        t, places = _common_times(signals)
+        several = sum(len(each) - len(np.unique(each)) for each in places)
         if several and not repeated:
             raise RecordError(
                 f"{several} times a tag of column {sheet.name(self.tag)!r} has several values at one time: "
                 "if this is one run, give allow=('duplicates',) to keep the last one"
             )
-        columns: dict[int, Any] = {0: t if found[0].counted else pd.to_timedelta(t, unit="s")}
+        columns: dict[int, Any] = {0: t if signals[0].counted else pd.to_timedelta(t, unit="s")}
         bad = {}
-        for i, (signal, places) in enumerate(zip(found, rows, strict=True), start=1):
+        for i, (signal, rows) in enumerate(zip(signals, places, strict=True), start=1):
             columns[i] = np.full(len(t), np.nan)
-            columns[i][places] = signal.values
-            bad[i] = {int(places[k]): words for k, words in signal.bad.items()}
+            columns[i][rows] = signal.values
+            bad[i] = {int(rows[k]): words for k, words in signal.bad.items()}
         lines = None
         if sheet.lines is not None:
             lines = np.full(len(t), sheet.lines.max())
-            np.minimum.at(lines, np.concatenate(rows), sheet.lines[np.concatenate([s.rows for s in found])])
-        said = [f"one row for each {sheet.name(self.tag)!r}: now columns {', '.join(s.name for s in found)}"]
-        said += [f"tags without numbers left out: {', '.join(left_out[:5])}{and_more(len(left_out))}"] * bool(
-            left_out
-        )
-        said += [
-            f"of several values of a tag at one time only the last one is kept ({several} left out)"
-        ] * bool(several)
-        said += next((signal.said for signal in found if signal.said), ())
-        headings = (sheet.headings[self.time], *(labeled(s.name, s.unit) for s in found))
-        return Sheet(
-            headings, pd.DataFrame(columns), lines, sheet.uneven, {}, bad, {}, tuple(said), own_times=True
-        )
+            np.minimum.at(
+                lines, np.concatenate(places), sheet.lines[np.concatenate([s.rows for s in signals])]
+            )
+        headings = (sheet.headings[self.time], *(labeled(s.name, s.unit) for s in signals))
+        said = (*sheet.said, *_told(sheet.name(self.tag), signals, left_out, several))
+        return Sheet(headings, pd.DataFrame(columns), lines, bad=bad, said=said, own_times=True)
+
+
+def _common_times(
+    signals: Sequence["_Signal"],
+) -> tuple[Float[np.ndarray, " M"], list[Int[np.ndarray, " K"]]]:
+    """Return the times of all signals in one order, and the place of each signal's times among them."""
+    origin = min((s.day for s in signals if s.day is not None), default=None)
+    times = [s.t if origin is None or s.day is None else s.t + 86400.0 * (s.day - origin) for s in signals]
+    if origin is not None:
+        first = min(float(each.min()) for each in times)
+        times = [each - first for each in times]
+    t = np.unique(np.concatenate(times))
+    return t, [np.searchsorted(t, each) for each in times]
+
+
+def _told(tag: str, signals: Sequence["_Signal"], left_out: Sequence[str], several: int) -> Iterator[str]:
+    """Yield what was made of a table with one row for each tag."""
+    yield f"one row for each {tag!r}: now columns {', '.join(s.name for s in signals)}"
+    if left_out:
+        yield f"tags without numbers left out: {', '.join(left_out[:5])}{and_more(len(left_out[4:]))}"
+    if several:
+        yield f"of several values of a tag at one time only the last one is kept ({several} left out)"
+    yield from next((s.said for s in signals if s.said), ())
 
 
 def _spaced(name: str) -> str:

@@ -267,17 +267,21 @@ def _run_from(path: Path, about: TableColumns) -> NamedRun:
         end=End.TIME_UP,
     )
     experiment = columns.read(sheet, [0.0])  # θ is not known
-    column = repr(sheet.name(time)) if sheet.name(time) else f"column {time + 1}"
-    read = f", read as {found.read}, in {found.unit}" if found.read else f" in {found.unit}"
-    if found.read == found.unit:
-        read = f" in {found.unit}, as no unit is given"
     taken = {"outputs": outputs, "inputs": about.inputs, "references of": reference}
     words = [f"{what} {', '.join(found)}" for what, found in taken.items() if found]
     places = {name: names[name] for name in used}
     places |= {f"{n} ref": sheet.column(r, "") for n, r in reference.items() if isinstance(r, str)}
     bridged = _bridged(sheet, places)
-    said = (f"time from {column}{read}", *words, *mended, *bridged, *left_out)
+    said = (_time_words(sheet, time, found), *words, *mended, *bridged, *left_out)
     return run_of(path.name, experiment, "; ".join(said))
+
+
+def _time_words(sheet: Sheet, time: int, found: Instants) -> str:
+    """Return which column was taken for the time, and in which unit it was read."""
+    name = repr(sheet.name(time)) if sheet.name(time) else f"column {time + 1}"
+    if found.read and found.read != found.unit:
+        return f"time from {name}, read as {found.read}, in {found.unit}"
+    return f"time from {name} in {found.unit}{', as no unit is given' if found.read else ''}"
 
 
 def _timed_sheet(path: Path, about: TableColumns) -> tuple[Sheet, int, Instants, list[str]]:
@@ -285,6 +289,8 @@ def _timed_sheet(path: Path, about: TableColumns) -> tuple[Sheet, int, Instants,
     sheet = sheet_of(path, {*about.columns.values(), *about.outputs, *about.inputs})
     if not len(sheet.frame):
         raise RecordError("a table needs a line of headings and rows of values, got headings only")
+    if sheet.uneven:
+        raise RecordError(sheet.uneven)
     named = about.columns.get("time", about.time)
     time = sheet.column(named, "") if named else (usual_time_columns(sheet) or [0])[0]
     column, said = sheet.frame[time], []
