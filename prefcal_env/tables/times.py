@@ -189,6 +189,7 @@ def _of_numbers(sheet: Sheet, column: int, wanted: str, given: str | None, said:
     found, name = sheet.numbers(column), sheet.name(column)
     check_filled(sheet, column, ~np.isfinite(found))
     bracketed = parts_of(sheet.headings[column])[1] or (None if said is None else sheet.unit(column, said))
+    bracketed = bracketed and _UNITS.get(bracketed, bracketed)
     words, spelled = _words(name)
     counted = None if bracketed or spelled else _counted(found)
     if counted is not None and given in ("ns", "us", "ms"):
