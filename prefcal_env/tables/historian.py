@@ -65,7 +65,8 @@ def _row_numbers(sheet: Sheet) -> Iterator[int]:
             numbers = values.to_numpy(dtype=float, na_value=np.nan)
             steps = np.diff(numbers)
             # A selection of rows keeps their numbers.
-            if (np.mod(numbers, 1) == 0).all() and ((steps == 1).all() or (i == 0 and (steps > 0).all())):
+            whole = np.isfinite(numbers).all() and (np.mod(numbers, 1) == 0).all()
+            if whole and ((steps == 1).all() or (i == 0 and (steps > 0).all())):
                 yield i
 
 
@@ -122,26 +123,39 @@ def _poor(sheet: Sheet, column: int) -> Int[np.ndarray, " M"] | None:
 def _poor_codes(codes: Float[np.ndarray, " K"], words: set[str]) -> np.ndarray | None:
     """Return which codes of quality are bad; None if they are none that are known."""
     there = {*codes.tolist()}
-    if there <= {0.0, 1.0} and len(there) == 2 and not words & {"status"}:
-        return codes == 0  # flags of good values
-    if not words & {"quality", "qual", "qc"} or (np.mod(codes, 1) != 0).any():
+    if there in ({0.0, 1.0}, {1.0}) and "status" not in words:
+        return np.asarray(codes == 0)  # flags of good values
+    if not words & {"quality", "qual", "qc"} or not np.isfinite(codes).all() or np.mod(codes, 1).any():
         return None
     if there == {0.0} or codes.max() >= 2**30:  # of OPC UA, where the two highest bits tell
-        return codes >= 2**31
+        return np.asarray(codes >= 2**31)
     if there <= {*map(float, range(256))} and codes.max() >= 192:  # of OPC DA: 192 and above are good
-        return codes < 64
-    return codes == 0 if there == {1.0} else None
+        return np.asarray(codes < 64)
+    return None
 
 
 # --- Make columns of a table that has one row for each tag.
 
 _TAGS = (
-    "tag;tagname;tag name;tag id;tagid;field;entity id;variable;signal;signal name;channel;point;point name;"
+    "tag;tagname;tag name;tag path;tagpath;tag id;tagid;varname;var name;"
+    "field;entity id;variable;signal;signal name;channel;point;point name;"
     "data point;datapoint;sensor;sensor id;metric;item;parameter;series;node;node id;nodeid;measurement;name;"
     "source;id;key"
 )
 """Names of columns with tags, the surest first."""
-_VALUES = ("value", "val", "values", "reading", "state", "measured value", "numeric value", "data", "v")
+_VALUES = (
+    "value",
+    "val",
+    "values",
+    "reading",
+    "state",
+    "measured value",
+    "numeric value",
+    "varvalue",
+    "var value",
+    "data",
+    "v",
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,7 +171,7 @@ class _Long:
     @classmethod
     def of(cls, sheet: Sheet, time: int) -> "_Long | None":
         """Return where they are; None if each signal has a column of its own."""
-        names = {}
+        names: dict[str, int] = {}
         for i in range(len(sheet.headings)):
             if i != time and i not in sheet.aside:
                 names.setdefault(" ".join(re.findall(r"[^\W_]+", _spaced(sheet.name(i)))), i)

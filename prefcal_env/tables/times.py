@@ -33,11 +33,11 @@ _ALONE = (
 """Units that are a whole heading; "min" is a minimum, "s" and "h" may be anything."""
 _TIMES = "time timestamp datetime elapsed uptime epoch tow"
 _BESIDE = (
-    "absolute abs relative rel date elapsed epoch gmt gps host in last local log logged of posix real record "
-    "recorded server sim simulation source stamp system the unix utc week"
+    "absolute abs date dd elapsed epoch gmt gps hh host in last local log logged mm of posix real record "
+    "recorded rel relative server sim simulation source ss stamp system the unix utc week yyyy"
 )
 """Words beside those of `_TIMES` that leave it a time; a settling time is none."""
-_PHRASES = frozenset(("last changed", "last updated", "utc"))
+_PHRASES = ("last changed", "last updated", "utc", "t stamp")
 _WORD = re.compile(r"[^\W_]+")
 _CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])")
 _INDEX = 6  # rank of a column called index
@@ -83,7 +83,7 @@ def _rank(sheet: Sheet, column: int) -> int | None:
     if words == ["t"]:
         is_time = unit in SECONDS or (unit is None and name[:1] == "t")  # T is a temperature
         return 4 if is_time else None
-    if words == ["time"]:
+    if words in (["time"], ["time", "string"]):
         return 0 if spelled is None else 1
     core = set(words) & {*_TIMES.split()}
     if (
@@ -180,6 +180,8 @@ def instants(
     clock = clock_of(sheet, column, time_format)
     if clock is None:
         return _of_numbers(sheet, column, wanted, unit, said)
+    if wanted not in SECONDS and unit is None:
+        wanted = "s"  # of a heading such as "time [HH:MM:SS]"
     s = clock.s if clock.day is None else clock.s - clock.s.min()
     return Instants(s / _seconds(wanted), wanted, said=clock.said, stamped=True)
 
@@ -331,8 +333,8 @@ def clock_of(sheet: Sheet, column: int, time_format: str | None) -> Clock | None
     text = values.astype(str).str.strip()
     if time_format is not None:
         return _stamps(sheet, column, text, time_format)
-    days = text.str.extract(_DAYS)
-    if days[0].notna().all():
+    days = text.str.extract(_DAYS) if re.match(_DAYS, text.iloc[0]) else None
+    if days is not None and days[0].notna().all():
         return Clock(_time_of_day(days[1]) + _DAY * days[0].astype(float).to_numpy())
     text, twelve = _in_24_hours(text)
     if text.str.match(_CLOCK).all():
@@ -352,10 +354,10 @@ def _time_of_day(text: Any) -> Float[np.ndarray, " K"]:
 
 def _in_24_hours(text: Any) -> tuple[Any, bool]:
     """Return text with 24 hours instead of AM and PM, and whether there were any."""
+    if not re.match(_MERIDIEM, text.iloc[0]):
+        return text, False
     parts = text.str.extract(_MERIDIEM)
     there = parts[3].notna()
-    if not there.any():
-        return text, False
     hour = parts[1].fillna("0").astype(int) % 12 + 12 * (parts[3].str.lower() == "p")
     read = parts[0] + hour.map("{:02d}".format) + parts[2]
     return read.where(there, text), True

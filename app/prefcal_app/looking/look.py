@@ -222,7 +222,7 @@ def run_from(path: Path, about: TableColumns | None = None) -> NamedRun:
     """Return the run in a file, with a sentence on what was taken for what.
 
     Args:
-        path: CSV or Parquet file, with a heading "name" or "name [unit]" for each column.
+        path: CSV, Parquet or Excel file, with a heading "name" or "name [unit]" for each column.
         about: What is known of the columns: names, units, references and time. A reference is a
             number as text, or the heading of a column. The rest is found from the headings.
 
