@@ -218,11 +218,12 @@ class Rig(Source):
 
     def _tidied(self, sheet: Sheet, known: Collection[str]) -> Sheet:
         """Return the sheet with a column for each tag, and gaps for values of bad quality."""
+        time = None
         with suppress(RecordError):  # a time that is called twice is reported with the other problems
             time = sheet.find(self._called(TIME))
-            if time is not None and len(sheet.frame) and not sheet.uneven:
-                return historian.tidied(sheet, time, self.time_format, used=known)[0]
-        return sheet
+        if time is None or sheet.uneven or not len(sheet.frame):
+            return sheet
+        return historian.tidied(sheet, time, self.time_format, used=known)[0]
 
     def _places(self, sheet: Sheet, known: Mapping[str, str]) -> dict[str, int]:
         """Return the position of each column by name."""

@@ -81,7 +81,7 @@ def _rank(sheet: Sheet, column: int) -> int | None:
     name, unit = parts_of(sheet.headings[column])
     words, spelled = _words(name)
     if words == ["t"]:
-        is_time = unit in SECONDS or (unit is None and name[:1] == "t")  # T is a temperature
+        is_time = unit in {*SECONDS, *_UNITS} or (unit is None and name[:1] == "t")  # T is a temperature
         return 4 if is_time else None
     if words in (["time"], ["time", "string"]):
         return 0 if spelled is None else 1
@@ -239,20 +239,22 @@ def _counted(found: Float[np.ndarray, " K"]) -> str | None:
             return unit
     if not any(first <= low and high <= last for first, last in _SERIAL):
         return None
-    # Counted in days, the clock of a logger makes whole tenths of a second, which are no round
-    # numbers as they stand: 46300.375 is followed by 46300.37501157.
+    # In days, short steps or whole tenths of a second are no round numbers: 46300.375 is followed by
+    # 46300.37501157.
     steps = np.diff(np.unique(found))
     steps = steps[steps < 1.0]
-    round_in_days = np.abs(steps * 864000 - np.round(steps * 864000)) < 0.02
-    round_as_they_are = np.abs(steps * 1e4 - np.round(steps * 1e4)) < 1e-3
-    return "d" if len(steps) and round_in_days.all() and not round_as_they_are.all() else None
+    if not len(steps) or (np.abs(steps * 1e4 - np.round(steps * 1e4)) < 1e-3).all():
+        return None
+    tenths = steps * 864000
+    return "d" if np.median(steps) < 1e-3 or (np.abs(tenths - np.round(tenths)) < 0.02).all() else None
 
 
 def _doubted(name: str, found: Float[np.ndarray, " K"], *, plain: bool) -> bool:
     """Return whether numbers without a unit are seconds, but with steps that few choose in seconds.
 
     Counters of milliseconds and finer are whole numbers with long steps, and with jitter if a clock
-    made them. A column that is just called time (`plain`) is in seconds if its times are round.
+    made them. A column that is just called time (`plain`) is in seconds if its times are round, or
+    as irregular as those that people write down.
 
     Raises:
         RecordError: If they are rather in another unit.
@@ -263,7 +265,8 @@ def _doubted(name: str, found: Float[np.ndarray, " K"], *, plain: bool) -> bool:
     usual = float(np.median(steps))
     if usual < 100 or not usual % 60:
         return False
-    if not plain or usual >= 1000 or np.mod(found, usual).any():
+    regular = np.mean(np.abs(steps - usual) <= 0.1 * usual) > 0.9
+    if not plain or (regular and (usual >= 1000 or np.mod(found, usual).any())):
         raise RecordError(
             f"column {name!r} has steps of {usual:g} and no unit of time: write it into the heading, as in "
             f"'{name} [ms]' or '{name} [s]', or give units={{{name!r}: 'ms'}}"

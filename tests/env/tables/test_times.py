@@ -127,9 +127,10 @@ def test_stamps_since_1970_are_said():
 
 
 def test_days_of_a_spreadsheet_are_recognized_by_what_they_make():
-    found = time_of("timestamp", [repr(46300.375 + 0.5 * k / 86400) for k in range(30)])
-    assert (found.read, found.unit) == ("d", "s")
-    assert np.allclose(np.diff(found.t), 0.5, atol=1e-3)
+    for step in (0.25, 0.5, 60.0, 90.0):
+        found = time_of("timestamp", [repr(46300.375 + step * k / 86400) for k in range(30)])
+        assert (found.read, found.unit) == ("d", "s")
+        assert np.allclose(np.diff(found.t), step, atol=1e-3)
     late = time_of("time", [f"{46300 + 0.25 * k:.2f}" for k in range(30)])  # a long run in seconds
     assert np.allclose(np.diff(late.t), 0.25)
 
@@ -161,6 +162,7 @@ def test_a_unit_that_numbers_leave_open_is_asked_for(heading, times):
 def test_a_time_without_a_unit_is_in_seconds_and_this_is_said_if_it_is_rare():
     assert time_of("time", 500 * np.arange(50)).read == "s"
     assert time_of("time", 60 * np.arange(50)).read == ""
+    assert time_of("time", [0, 100, 350, 420, 1000, 2300]).unit == "s"  # as people write them down
 
 
 def test_a_unit_that_cannot_be_right_is_refused():
