@@ -74,30 +74,6 @@ own = replace(t.toy, run=run)
     assert (tmp_path / "res" / "best.json").exists()
 
 
-NAN_PLANT = """
-from prefcal_env import PID, Channel, ClosedLoop, FunctionPlant, PlantEnv, Task
-level, valve = Channel("level", "m", target=1.0), Channel("valve", "%", low=0, high=100)
-nothing = FunctionPlant(lambda x, u, d: [np.nan], states=[level], inputs=[valve])
-task = Task(x0=np.zeros(1), u0=np.zeros(1), y_ref=np.ones(1), horizon=1.0)
-pid = PID.of_gains(1, 1, 0, T_s=0.1, plant=nothing)
-run = ClosedLoop(PlantEnv(nothing, task), lambda theta: pid)
-own = Scenario("nan", "A plant of nothing", t.toy.space, run, cost=lambda e: 0.0, simulated=True)
-"""
-
-
-@pytest.mark.extended
-@pytest.mark.usefixtures("own_process")
-@pytest.mark.parametrize("agent", ["glisp", "screening"])
-def test_a_plant_that_gives_nan_ends_in_the_reason_of_its_first_run(prefcal, own, agent):
-    code, _, err = prefcal("calibrate", own(NAN_PLANT), *SYNTHETIC, "--agent", agent)
-    assert code == 1
-    assert "f must be finite at the start of an experiment, got NaN for ['level']" in err
-    assert "Traceback" not in err
-    code, out, _ = prefcal("check", "own.py:own")
-    assert code == 1
-    assert "f must be finite" in out
-
-
 COSTS = {
     "lambda e: e.kpis['no']": "prefcal: KeyError: 'no' (in own.py:9: own =",
     "lambda e: None": "prefcal: cost must be a number, got None",
