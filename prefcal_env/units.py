@@ -105,9 +105,9 @@ def _words(text: str) -> frozenset[str]:
 _SECONDS = {"ns": 1e-9, "us": 1e-6, "ms": 1e-3, "s": 1.0}
 _TIMES = {**_SECONDS, "min": 60.0, "h": 3600.0, "d": 86400.0, "week": 604800.0}
 _SPELLINGS = {
-    "ns": "nsec nanoseconds",
-    "us": "usec μs μsec microseconds",
-    "ms": "msec milliseconds",
+    "ns": "nsec nanos nanosecond nanoseconds",
+    "us": "usec μs μsec micros microsecond microseconds",
+    "ms": "msec msecs millis millisecond milliseconds",
     "s": "sec secs second seconds",
     "min": "min mins minute minutes",
     "h": "hr hrs hour hours",

@@ -93,7 +93,11 @@ SHORT = {
     "scenarios/prefcal_scenarios/worlds/live.py": "an optional world",
 }
 """Shorter files, and why."""
-ALONE = {"piqp": "prefcal_env.qp", "pyarrow": "prefcal_env.tables.sheet"}
+ALONE = {
+    "piqp": "prefcal_env.qp",
+    "pyarrow": "prefcal_env.tables.sheet",
+    "python_calamine": "prefcal_env.tables.sheet",
+}
 """Foreign packages that one place alone may import."""
 BENCHMARK = "_".join(("prefcal", "bench"))
 """A distribution of its own: what is here neither imports nor names it."""

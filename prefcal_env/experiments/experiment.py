@@ -311,8 +311,8 @@ class Experiment:
 
     @property
     def duration(self) -> float:
-        """Time of the last instant, in `channels.time_unit`; 0 without a record."""
-        return float(self.t[-1]) if len(self.t) else 0.0
+        """Time from the first to the last instant, in `channels.time_unit`; 0 without a record."""
+        return float(self.t[-1] - self.t[0]) if len(self.t) else 0.0
 
     def at_control(self) -> Float[np.ndarray, "N1 n_x"]:
         """Return the states at the N sampling instants and at the end, shape (N + 1, n_x).
@@ -322,7 +322,7 @@ class Experiment:
         if not len(self.t):
             return self.x
         instants = np.append(self.t_control, self.t[-1])
-        nearest = np.searchsorted(self.t, instants - 1e-9 * max(1.0, self.duration))
+        nearest = np.searchsorted(self.t, instants - 1e-9 * max(1.0, abs(float(self.t[-1]))))
         return np.asarray(self.x[nearest])
 
     def output(self, index: int) -> Float[np.ndarray, " K"] | None:

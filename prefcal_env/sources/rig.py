@@ -2,8 +2,10 @@
 
 import csv
 import io
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +15,8 @@ from jaxtyping import Float
 from prefcal_env import units
 from prefcal_env.errors import RecordError, ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import Channel, Channels, End, Experiment, computed
-from prefcal_env.tables import frame
+from prefcal_env.tables import historian, times
+from prefcal_env.tables.recorded import bridged
 from prefcal_env.tables.sheet import Sheet, Table, parts_of, sheet_of
 from prefcal_env.wording import and_more, labeled
 
@@ -21,7 +24,7 @@ from .source import Change, KPIsOf, Run, Source, with_own
 from .source import Table as Given
 
 TIME = "time"
-_FILES = (".csv", ".txt", ".parquet")
+_FILES = (".csv", ".txt", ".parquet", ".xlsx", ".xls")
 _MOST_LISTED = 5  # largest number of problems in a message; people fix some of them and try again
 _WIDEST = 1e30  # largest plausible value in any unit; beyond it plots and sums overflow
 
@@ -58,7 +61,7 @@ class Rig(Source):
     kpis: Callable[[Experiment], Mapping[str, float]] | None = None
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     instructions: str = ""
-    max_gap: float = frame.MAX_GAP
+    max_gap: float = times.MAX_GAP
     max_rows: int = 200_000
     headings: Mapping[str, str] = field(default_factory=dict)
     time_format: str | None = None
@@ -141,8 +144,8 @@ class Rig(Source):
         """Return the experiment of a physical θ, shape (n,), from its record.
 
         Args:
-            source: Text of a CSV, path of a CSV or Parquet file, its content as bytes, or a pandas
-                DataFrame. Lines in messages count the headings as line 1, rows of a DataFrame or
+            source: Text of a CSV, path of a CSV, Parquet or Excel file, its content as bytes, or a
+                pandas DataFrame. Lines in messages count the headings as line 1, rows of a DataFrame or
                 a Parquet file count from 0.
             theta: Controller parameters of the run.
             unsafe: Whether the run was stopped because it became unsafe.
@@ -165,11 +168,24 @@ class Rig(Source):
             limits = self.ranges.get(channel.name, (channel.low, channel.high))
             finite = [float(v) for v in limits if np.isfinite(v)]
             values.append(sum(finite) / len(finite) if finite else 1.0)
-        rows = [",".join([f"{t:g}", *map(repr, values)]) for t in range(60)]
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows([t, *values] for t in self._example_times())
         try:
-            return self.read(self.template() + "\n".join(rows) + "\n", theta)
+            return self.read(self.template() + text.getvalue(), theta)
         except RecordError as error:
             raise ScenarioError(f"a made-up record is refused: {error}") from error
+
+    def _example_times(self) -> list[str]:
+        """Return 60 times of a record, as stamps if there is a format of them."""
+        if self.time_format is None:
+            return [f"{t}" for t in range(60)]
+        start = datetime(2026, 1, 1, tzinfo=UTC)
+        stamps: list[str] = []
+        for step in (1.0, 60.0, 3600.0, 86400.0):  # the first one that the format can tell
+            stamps = [(start + timedelta(seconds=step * k)).strftime(self.time_format) for k in range(60)]
+            if len(set(stamps)) == len(stamps):
+                break
+        return stamps
 
     def _values(self, source: Table) -> Float[np.ndarray, "K n"]:
         """Return the values of a record, shape (K, n); NaN for optional columns that are absent.
@@ -186,7 +202,7 @@ class Rig(Source):
         known = {**self._units, **self._optional}
         wanted = {*known, *(labeled(n, u) for n, u in known.items())}
         stamps = () if self.time_format is None else (self._called(TIME),)
-        sheet = sheet_of(source, wanted, stamps)
+        sheet = self._tidied(sheet_of(source, wanted, stamps), known)
         places, count = self._places(sheet, known), len(sheet.frame)
         if count < 2:
             raise RecordError(f"a record needs 2 rows of values or more, got {count}")
@@ -196,10 +212,19 @@ class Rig(Source):
         problems = [*filter(None, [sheet.uneven, sheet.mixed(places.values())])]
         for i, name in enumerate(known):
             if name in places:
-                problems += self._fill(sheet, places[name], values[:, i], known[name], is_time=i == 0)
+                problems += self._fill(sheet, places[name], name, values, i, known[name])
         problems += [*self._steps(values[:, 0], sheet), *self._outside(values, known, sheet)]
         _refuse(problems)
         return values
+
+    def _tidied(self, sheet: Sheet, known: Collection[str]) -> Sheet:
+        """Return the sheet with a column for each tag, and gaps for values of bad quality."""
+        time = None
+        with suppress(RecordError):  # a time that is called twice is reported with the other problems
+            time = sheet.find(self._called(TIME))
+        if time is None or sheet.uneven or not len(sheet.frame):
+            return sheet
+        return historian.tidied(sheet, time, self.time_format, used=known)[0]
 
     def _places(self, sheet: Sheet, known: Mapping[str, str]) -> dict[str, int]:
         """Return the position of each column by name."""
@@ -226,35 +251,47 @@ class Rig(Source):
         return places
 
     def _fill(
-        self, sheet: Sheet, place: int, values: Float[np.ndarray, " K"], unit: str, *, is_time: bool
+        self, sheet: Sheet, place: int, name: str, values: Float[np.ndarray, "K n"], column: int, unit: str
     ) -> Iterator[str]:
-        """Fill `values` with a column, in `unit`; yield its problem, if it has one."""
+        """Fill a `column` of `values`, in `unit`; yield its problem, if it has one. The first is the time.
+
+        Loggers write what changes: empty cells of inputs and references hold the value before.
+        """
         try:
-            if is_time:
-                found = frame.instants(sheet, place, self.channels.time_unit, self.time_format)
-                stamped = sheet.frame[place].dtype.kind not in "iuf"
-                values[:] = found - found.min() if stamped else found
+            if column == 0:
+                found = times.instants(sheet, place, self.channels.time_unit, self.time_format)
+                values[:, 0] = found.t - found.t.min() if found.stamped else found.t
                 return
-            values[:] = sheet.converted(place, unit)
+            filled = sheet.converted(place, unit)
         except RecordError as error:
             yield str(error)
             return
-        holes = np.flatnonzero(~np.isfinite(values))
+        held = name in self._optional or name in {self._called(c.name) for c in self.channels.u}
+        bad = sheet.bad.get(place, {})
+        lacks = ~np.isfinite(filled)
+        empty = np.isnan(filled) & np.array([row not in bad for row in range(len(filled))])
+        if held or sheet.own_times:
+            # What holds before the first value is not known.
+            lacks &= ~empty | ~np.logical_or.accumulate(np.isfinite(filled))
+        holes = np.flatnonzero(lacks)
         if len(holes):
-            got = "nothing" if np.isnan(values[holes[0]]) else f"{values[holes[0]]:g}"
+            got = sheet.got(place, int(holes[0]), filled[holes[0]])
             yield sheet.lacking(place, sheet.place(int(holes[0])), got, len(holes))
+        elif not np.isfinite(filled).all():
+            filled = bridged(values[:, 0], filled, held=held)
+        values[:, column] = filled
 
     def _steps(self, t: Float[np.ndarray, " K"], sheet: Sheet) -> Iterator[str]:
         """Yield what is wrong with the steps of time."""
         if np.any(np.isnan(t)):
             return
-        unit, back = self.channels.time_unit, frame.steps_back(t)
+        unit, back = self.channels.time_unit, times.steps_back(t)
         if len(back):
             k = int(back[0])
-            yield f"{sheet.place(k + 1)}: {frame.step_back_words(t, k, unit, len(back))}"
+            yield f"{sheet.place(k + 1)}: {times.step_back_words(t, k, unit, len(back))}"
             return
-        for k in map(int, frame.gaps(t, self.max_gap)):
-            words = frame.gap_words(t, k, unit, 1)
+        for k in map(int, times.gaps(t, self.max_gap)):
+            words = times.gap_words(t, k, unit, 1)
             yield f"{sheet.place(k + 1)}: {words}: fill it, or enter the run as failed"
 
     def _outside(

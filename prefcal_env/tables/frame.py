@@ -14,189 +14,11 @@ from prefcal_env import units
 from prefcal_env.errors import RecordError, SettingsError
 from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.experiments.kpis import tracking_kpis
-from prefcal_env.wording import and_more
 
+from .historian import NO_HEADING, tidied
 from .recorded import Limits, bridged, recorded
-from .sheet import Sheet, Table, almost_a_number, parts_of, sheet_of
-
-MAX_GAP = 10.0
-"""Longest step of time that is no gap, in median steps."""
-_CLOCK = re.compile(r"^(\d+):([0-5]\d)(?::([0-5]\d(?:[.,]\d*)?))?$")
-"""Time of day, with seconds or without, or hours, minutes and seconds of a stopwatch."""
-_HALF_DAY = 43200.0  # length of half a day in seconds
-_NAMES = ("time", "t", "timestamp", "datetime", "date", "date time", "time stamp", "index")
-"""Usual names of the column with the time, in lower case."""
-
-
-def time_column(sheet: Sheet, given: str | None) -> int:
-    """Return the number of the column `given`, or else of the one with a usual name of the time.
-
-    Raises:
-        RecordError: If there is none, or there are several.
-    """
-    if given is not None:
-        return sheet.column(given, "")
-    found = usual_time_columns(sheet)
-    if len(found) == 1:
-        return found[0]
-    there = ", ".join(repr(parts_of(h)[0]) for h in sheet.headings[:12])
-    what = "several columns may be the time" if found else "no column is called time"
-    raise RecordError(f"{what}: give the right one as time=...; there are {there}")
-
-
-def usual_time_columns(sheet: Sheet) -> list[int]:
-    """Return the numbers of the columns called time, or else of all with usual names for it."""
-    called = [sheet.name(i).lower() for i in range(len(sheet.headings))]
-    exact = [i for i, name in enumerate(called) if name == "time"]
-    return exact or [i for i, name in enumerate(called) if name in _NAMES]
-
-
-def time_unit_of(sheet: Sheet, column: int, given: str | None) -> str:
-    """Return the unit of the experiment's time: `given`, or the heading's, or seconds."""
-    return given or _unit_of_time(sheet.headings[column]) or "s"
-
-
-def _unit_of_time(heading: str) -> str:
-    """Return the unit of a heading of times such as "time [min]" or "time_min"; "" if it has none."""
-    name, unit = parts_of(heading)
-    before, _, end = name.rpartition("_")
-    return unit or (end if before and units.seconds(end) else "")
-
-
-def instants(sheet: Sheet, column: int, unit: str, time_format: str | None) -> Float[np.ndarray, " K"]:
-    """Return the time of each row in `unit`, shape (K,).
-
-    Time stamps count from the earliest one; those with time zones are converted to UTC.
-
-    Args:
-        sheet: Table.
-        column: Number of the column with the time.
-        unit: Unit of time.
-        time_format: Format of time stamps as for `datetime.strptime`; None for ISO 8601.
-
-    Raises:
-        RecordError: If a cell is empty or no time, or units of time cannot be converted.
-    """
-    import pandas as pd
-
-    values = sheet.frame[column]
-    _check_filled(sheet, column, np.asarray(values.isna()))
-    if pd.api.types.is_timedelta64_dtype(values.dtype):
-        return np.asarray(values.dt.total_seconds().to_numpy() / _seconds(unit))
-    if time_format is None and (clock := _clock(values)) is not None:
-        return clock / _seconds(unit)
-    stamps = _stamps(sheet, column, values, time_format)
-    if stamps is not None:
-        elapsed = (stamps - stamps.min()).dt.total_seconds().to_numpy(dtype=float)
-        return np.asarray(elapsed / _seconds(unit))
-    found, heading = sheet.numbers(column), _unit_of_time(sheet.headings[column]) or unit
-    if not units.same(heading, unit):
-        found = found * (_seconds(heading) / _seconds(unit))
-    _check_filled(sheet, column, ~np.isfinite(found))
-    return found
-
-
-def _clock(values: Any) -> Float[np.ndarray, " K"] | None:
-    """Return times such as 09:30:00 in seconds; None if not all values are such times.
-
-    A step back by more than half a day passes midnight.
-    """
-    import pandas as pd
-
-    if not pd.api.types.is_string_dtype(values.dtype):
-        return None
-    parts = values.astype(str).str.strip().str.extract(_CLOCK)
-    if parts[0].isna().any():
-        return None
-    parts[2] = parts[2].fillna("0")
-    t = sum(
-        scale * parts[i].str.replace(",", ".").astype(float).to_numpy()
-        for i, scale in enumerate((3600.0, 60.0, 1.0))
-    )
-    days = np.cumsum(np.append(0, np.diff(t) < -_HALF_DAY))
-    return np.asarray(t + 2 * _HALF_DAY * days)
-
-
-def _check_filled(sheet: Sheet, column: int, empty: np.ndarray) -> None:
-    """Refuse rows without a time."""
-    if empty.any():
-        row = int(np.argmax(empty))
-        raise RecordError(
-            f"{sheet.place(row)}, column {sheet.name(column)!r}: expected a time, "
-            f"got nothing{and_more(int(empty.sum()))}: fill it, or remove the row"
-        )
-
-
-def _stamps(sheet: Sheet, column: int, values: Any, time_format: str | None) -> Any | None:
-    """Return time stamps as a pandas Series in UTC; None if the column holds numbers."""
-    import pandas as pd
-
-    if pd.api.types.is_datetime64_any_dtype(values.dtype):
-        return values
-    if pd.api.types.is_numeric_dtype(values.dtype):
-        return None
-    text = values.astype(str).str.strip()
-    if time_format is None and almost_a_number(text.iloc[0]):
-        return None
-    german = r"\d{1,2}\.\d{1,2}\.\d{4}.*"  # dots come with the day first
-    dotted = time_format is None and re.fullmatch(german, text.iloc[0]) is not None
-    if dotted:
-        found = pd.to_datetime(text, format="mixed", dayfirst=True, errors="coerce", utc=True)
-    else:
-        text = text.str.replace(r"(:\d\d),(\d+)", r"\1.\2", regex=True)
-        found = pd.to_datetime(text, format=time_format or "ISO8601", errors="coerce", utc=True)
-    wrong = np.asarray(found.isna())
-    if wrong.any():
-        other = wrong & ~np.asarray(text.str.match(_CLOCK), dtype=bool)
-        wrong = other if other.any() else wrong  # the odd one among times of day
-        row = int(np.argmax(wrong))
-        like = f"a time stamp like {time_format!r}"
-        if time_format is None:
-            like = "a number or a time stamp like 2026-11-23T09:30:00"
-        raise RecordError(
-            f"{sheet.place(row)}, column {sheet.name(column)!r}: expected {like}, "
-            f"got {str(values.iloc[row])[:40]!r}{and_more(int(wrong.sum()))}; "
-            "give time_format='%d/%m/%Y %H:%M:%S' or the like"
-        )
-    return found
-
-
-def _seconds(unit: str) -> float:
-    found = units.seconds(unit)
-    if found is None:
-        raise RecordError(f"the unit of time {unit!r} cannot be converted: use one of s, ms, us, min, h, d")
-    return found
-
-
-def steps_back(t: Float[np.ndarray, " K"]) -> Int[np.ndarray, " M"]:
-    """Return each row, from 0, whose successor is not later."""
-    with np.errstate(over="ignore"):
-        return np.flatnonzero(np.diff(t) <= 0)
-
-
-def gaps(t: Float[np.ndarray, " K"], longest: float = MAX_GAP) -> Int[np.ndarray, " M"]:
-    """Return each row, from 0, that a gap follows: a step above `longest` median steps."""
-    with np.errstate(over="ignore"):
-        return np.flatnonzero(np.diff(t) > longest * _usual(t))
-
-
-def step_back_words(t: Float[np.ndarray, " K"], k: int, unit: str, count: int) -> str:
-    """Return what is wrong with the step of time after row k, the first of `count`."""
-    return f"time must increase, got {t[k + 1]:g} {unit} after {t[k]:g} {unit}{and_more(count)}"
-
-
-def gap_words(t: Float[np.ndarray, " K"], k: int, unit: str, count: int) -> str:
-    """Return which gap follows row k, the first of `count`."""
-    return (
-        f"a gap of {t[k + 1] - t[k]:g} {unit} after {t[k]:g} {unit}, where {_usual(t):g} {unit} "
-        f"is usual{and_more(count)}"
-    )
-
-
-def _usual(t: Float[np.ndarray, " K"]) -> float:
-    """Return the median step; 0 without steps."""
-    return float(np.median(np.diff(t))) if len(t) > 1 else 0.0
-
+from .sheet import Sheet, Table, sheet_of
+from .times import gap_words, gaps, instants, step_back_words, steps_back, time_column
 
 # --- Reduce the rows of a long table: to a grid, or to what a plot and KPIs need.
 
@@ -269,22 +91,23 @@ class TableColumns:
         columns: Maps our names to the table's headings where they differ, such as
             {"level": "TI-101.PV", "level ref": "TI-101.SP"}.
         time: Heading of the column with the time: numbers, durations or time stamps. None finds
-            it by its usual names, or takes the index of a DataFrame; integers
-            without a name are row numbers.
+            it by its usual names, or takes the index of a DataFrame; integers without a name are row
+            numbers, unless they are as large as seconds since 1970.
         outputs: Names of the outputs. If empty, all other columns that hold numbers.
         inputs: Names of the inputs.
         signals: Names of additional signals.
         reference: Maps names of outputs to a number or to the heading of a column. A column
             "NAME ref" is taken as the reference of the output NAME without being named.
-        units: Maps names to units, for headings that carry none.
+        units: Maps names, and "time", to units, for headings that carry none.
         limits: Maps names to (low, high) in their unit; None for no limit.
         bands: Maps names of outputs to their accepted distance from the reference.
         time_unit: Unit of the experiment's time; None takes the heading's, or else seconds.
         time_format: Format of time stamps as for `datetime.strptime`; None for ISO 8601.
         from_zero: Whether time counts from the first row, so that runs can be compared.
         allow: Flaws that are mended instead of refused: "unsorted" sorts the rows, "duplicates"
-            keeps the last row of each instant, "missing" interpolates over (inputs: holds over)
-            empty cells, "gaps" accepts steps longer than 10 median steps.
+            keeps the last row of each instant, "missing" interpolates over empty cells of outputs,
+            holds their last value to the end, and bridges bad values such as "No Data", "gaps"
+            accepts steps longer than 10 median steps. Inputs and references are held anyway.
         resample: Period of a regular time axis, in the unit of time or as text such as "100ms".
             Values between rows are interpolated (inputs are held), not averaged. None keeps rows.
         max_rows: Largest number of rows: of longer tables, the rows with the extreme values of
@@ -328,6 +151,16 @@ class TableColumns:
         if self.max_rows is not None and self.max_rows < 100:
             raise SettingsError(f"max_rows must be 100 or more, or None, got {self.max_rows}")
 
+    def used(self) -> set[str]:
+        """Return the names and headings of columns that are asked for."""
+        names = {*self.outputs, *self.inputs, *self.signals}
+        headings = {v for v in self.reference.values() if isinstance(v, str)}
+        return names | headings | {*self.columns.values()}
+
+    def counted_in(self, time: str) -> str | None:
+        """Return the unit of the numbers in the column `time`, if `units` says so."""
+        return self.units.get("time", self.units.get(time))
+
     def read(self, table: Table, theta: ArrayLike) -> Experiment:
         """Make an experiment of a table; see `from_frame`."""
         wanted = {*self.columns.values(), *self.outputs, *self.inputs, "time"}
@@ -347,11 +180,12 @@ class TableColumns:
 class _Used:
     """The columns of a sheet that are used, as numbers, at times `t`; references are "NAME ref".
 
-    `rows` are those of the sheet that are kept, and `places` its columns.
+    `rows` are those of the sheet that are kept, `places` its columns, and `time` is that of the time.
     """
 
     sheet: Sheet
     about: TableColumns
+    time: str
     time_unit: str
     t: Float[np.ndarray, " K"]
     rows: Int[np.ndarray, " K"]
@@ -367,8 +201,11 @@ class _Used:
         if not len(sheet.frame):
             raise RecordError("a table needs a line of headings and rows of values, got headings only")
         time = time_column(sheet, about.columns.get("time", about.time))
-        unit = time_unit_of(sheet, time, about.time_unit)
-        t = instants(sheet, time, unit, about.time_format)
+        sheet, time = tidied(
+            sheet, time, about.time_format, used=about.used(), repeated="duplicates" in about.allow
+        )
+        found = instants(sheet, time, about.time_unit, about.time_format, about.counted_in(sheet.name(time)))
+        t, unit = found.t, found.unit
         outputs = tuple(about.outputs) or _other_columns(sheet, about, time)
         names = (*outputs, *about.inputs, *about.signals)
         places = {name: sheet.column(about.columns.get(name, name), name) for name in names}
@@ -378,7 +215,7 @@ class _Used:
         given = {_ref(n): sheet.unit(places[n], about.units.get(n)) for n in outputs}
         given |= {n: sheet.unit(places[n], about.units.get(n)) for n in names}
         values = {name: sheet.converted(place, given[name]) for name, place in places.items()}
-        return cls(sheet, about, unit, t, np.arange(len(t)), outputs, places, values)
+        return cls(sheet, about, sheet.name(time), unit, t, np.arange(len(t)), outputs, places, values)
 
     def taken(self, kept: Int[np.ndarray, " M"] | Bool[np.ndarray, " K"]) -> "_Used":
         """Return these rows only."""
@@ -395,13 +232,24 @@ class _Used:
         same = steps_back(used.t)
         if len(same):
             used._allow(int(same[0]), len(same), "duplicates", "keep the last row of each time")
-            used = used.taken(np.append(np.diff(used.t) > 0, True))
+            used = used._last_of_each_time()
         long = gaps(used.t)
         if len(long) and "gaps" not in allow:
             k = int(long[0])
             words = gap_words(used.t, k, self.time_unit, len(long))
             raise RecordError(f"{used.place(k + 1)}: {words}: fill it, or give allow=('gaps',) to bridge it")
         return replace(used, t=used.t - used.t[0]) if self.about.from_zero else used
+
+    def _last_of_each_time(self) -> "_Used":
+        """Return one row for each time, with the last value that each column has then."""
+        last = np.flatnonzero(np.append(np.diff(self.t) > 0, True))
+        first = np.append(0, last[:-1] + 1)
+        kept = self.taken(last)
+        values = {}
+        for name, each in self.values.items():
+            there = np.maximum.accumulate(np.where(np.isnan(each), -1, np.arange(len(each))))[last]
+            values[name] = np.where(there < first, np.nan, each[there])
+        return replace(kept, values=values)
 
     def place(self, k: int) -> str:
         """Return where row k is in the source, for messages."""
@@ -440,39 +288,62 @@ class _Used:
         )
 
     def _curve(self, name: str) -> Any:
-        """Return a column as a curve for `recorded`; empty cells within it are refused."""
+        """Return a column as a curve for `recorded`, without the gaps that may be bridged."""
         values = self.values[name]
-        finite = np.isfinite(values)
-        if name not in self.about.signals and not finite.all():
-            if not finite.any():
-                called = self.sheet.name(self.places[name])
-                raise RecordError(f"column {called!r} is empty: leave {name!r} out")
-            last = len(finite) - int(np.argmax(finite[::-1]))  # rows up to the last value
-            holes = np.flatnonzero(~finite[:last])
-            if len(holes):
-                values = self._bridged(name, holes, last)
+        if name not in self.about.signals and not np.isfinite(values).all():
+            values = self._bridged(name, values)
         return values if self.about.resample is None else (self.t, values)
 
-    def _bridged(self, name: str, holes: Int[np.ndarray, " M"], last: int) -> Float[np.ndarray, " K"]:
-        """Return a column with empty cells filled; those before the first value get that value.
+    def _bridged(self, name: str, values: Float[np.ndarray, " K"]) -> Float[np.ndarray, " K"]:
+        """Return a column with empty cells filled.
 
-        Those after the `last` value stay empty: the run stopped there.
+        Loggers write what changes: an input or a reference keeps its value, an output goes straight
+        to its next one and keeps its last one. After the row at which the run stopped, outputs stay
+        empty.
         """
-        values = self.values[name]
-        if "missing" not in self.about.allow:
-            place, got = self.place(int(holes[0])), values[holes[0]]
-            words = "nothing" if np.isnan(got) else f"{got:g}"
-            lacks = self.sheet.lacking(self.places[name], place, words, len(holes))
+        finite = np.isfinite(values)
+        if not finite.any():
+            called = self.sheet.name(self.places[name])
+            raise RecordError(f"column {called!r} is empty: leave {name!r} out")
+        held = name not in self.outputs
+        first, stop = int(np.argmax(finite)), self._stop()
+        written = self.sheet.bad.get(self.places[name], {})
+        bad = ~finite & np.array([row in written for row in self.rows.tolist()])
+        flaws = bad.copy()
+        if held:  # what holds before the first value is not known, and infinite is not empty
+            flaws |= ~finite & ((np.arange(len(values)) < first) | np.isinf(values))
+        elif not self.sheet.own_times:
+            flaws |= ~finite
+        flaws[stop:] &= bad[stop:]
+        if flaws.any() and "missing" not in self.about.allow:
+            k = int(np.argmax(flaws))
+            got = self.sheet.got(self.places[name], int(self.rows[k]), values[k])
+            lacks = self.sheet.lacking(self.places[name], self.place(k), got, int(flaws.sum()))
             raise RecordError(f"{lacks}: fill it, or give allow=('missing',) to bridge them")
-        filled = bridged(self.t, values, held=name not in self.outputs)
-        filled[last:] = np.nan
+        # Half a pump does not run: what is on or off keeps its value, too.
+        switched = set(values[finite]) == {0.0, 1.0}
+        filled = bridged(self.t, values, held=held or switched)
+        if not held:
+            filled[stop:] = np.nan
         return np.asarray(filled)
+
+    def _stop(self) -> int:
+        """Return the number of rows before the run stopped: later ones have no output, or diverged."""
+        ends, diverged = [0], [len(self.t)]
+        for name in self.outputs:
+            finite = np.isfinite(self.values[name])
+            last = len(finite) - int(np.argmax(finite[::-1])) if finite.any() else 0
+            ends.append(last)
+            if np.isinf(self.values[name][last:]).any():
+                diverged.append(last)
+        return min(max(ends), *diverged)
 
     def units(self) -> dict[str, str]:
         """Return the unit of each output and input."""
         names = (*self.outputs, *self.about.inputs)
         known = [*names, *self.about.signals]
-        unknown = [name for name in self.about.units if name not in known]
+        times = ("time", self.time)
+        unknown = [name for name in self.about.units if name not in known and name not in times]
         if unknown:
             raise SettingsError(f"units names {unknown[0]!r}, which is none of {known}")
         return {n: self.sheet.unit(self.places[n], self.about.units.get(n)) for n in names}
@@ -502,7 +373,10 @@ def _other_columns(sheet: Sheet, about: TableColumns, time: int) -> tuple[str, .
     import pandas as pd
 
     used = {*about.inputs, *about.signals}
-    taken = {time, *(sheet.column(about.columns.get(n, n), n) for n in used)}
+    taken = {time, *sheet.aside, *(sheet.column(about.columns.get(n, n), n) for n in used)}
+    for i, why in sheet.aside.items():
+        if why == NO_HEADING and sheet.frame[i].dtype.kind in "iuf" and sheet.frame[i].notna().any():
+            raise RecordError(f"column {i + 1} has numbers but no heading: name it, or remove it")
     taken |= {sheet.column(v, "") for v in about.reference.values() if isinstance(v, str)}
     renamed = {
         name: sheet.column(heading, name)
@@ -531,9 +405,10 @@ def _other_columns(sheet: Sheet, about: TableColumns, time: int) -> tuple[str, .
 def from_frame(table: Table, theta: ArrayLike, **about: Any) -> Experiment:
     """Make an experiment of a table of logged data.
 
-    The table is a pandas DataFrame, the path of a CSV or Parquet file, or the text of a CSV.
+    The table is a pandas DataFrame, the path of a CSV, Parquet or Excel file, or the text of a CSV.
     Separators (comma, semicolon, tab, bar, spaces), decimal commas and encodings are found
-    out. Columns that end early count as a run that stopped; see `prefcal_env.recorded`.
+    out, and so are tables with one row for each tag, quality columns, and time stamps in seconds,
+    milliseconds and finer. If all outputs end early, the run stopped; see `prefcal_env.recorded`.
 
     Args:
         table: The table.

@@ -202,6 +202,8 @@ def _curve_of(
     if found.shape != base.shape:
         where = "its times" if own else "t"
         raise ExperimentError(f"{what} must have shape {base.shape}, as {where}, got {found.shape}")
+    if held and not gaps and not np.isinf(found).any() and len(found) and np.isfinite(found[0]):
+        found = bridged(base, found, held=True)  # who logs changes only leaves the rest empty
     kept = len(found) if gaps else _finite_rows(what, base, found, unit)
     return Curve(what, base[:kept], found[:kept], held, own, kept < len(found), gaps)
 
@@ -365,14 +367,14 @@ def recorded(
     """Make a complete `Experiment` of recorded curves; only θ, time and outputs are required.
 
     A curve is an array of values at `t`, or a tuple (times, values) with instants of its own.
-    Inputs and references are held between instants and after their last one, outputs and signals
-    are interpolated linearly.
+    Inputs and references are held between instants and after their last one, and inputs where they
+    are NaN; outputs and signals are interpolated linearly.
 
     A run that stopped may be filled up with NaN: rows are left out from the first one at which an
-    output or input stays NaN or infinite, and the run counts as `End.UNSAFE`, because a loop that
-    diverges leaves such a record. Give `end=End.TIME_UP` if only the logger stopped. If no output
-    ever has a finite value, the run counts as `End.FAILED` and has no record. A number after a
-    NaN is an error.
+    output stays NaN or infinite, or an input infinite, and the run counts as `End.UNSAFE`, because a
+    loop that diverges leaves such a record. Give `end=End.TIME_UP` if only the logger stopped. If no
+    output ever has a finite value, the run counts as `End.FAILED` and has no record. A number of an
+    output after a NaN is an error.
 
     If all inputs have instants of their own, the inputs count as decided at these and where a
     reference changes, so that the KPIs of their moves do not depend on how densely outputs are

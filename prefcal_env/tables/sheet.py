@@ -5,7 +5,8 @@ import io
 import re
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from datetime import timedelta
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -18,14 +19,20 @@ from prefcal_env.errors import MissingExtraError, RecordError
 from prefcal_env.wording import and_more, did_you_mean
 
 
+_SUBSCRIPT = re.compile(r"\s*-?\d+\s*([,:]\s*-?\d+\s*)*")
+
+
 def parts_of(heading: str) -> tuple[str, str | None]:
     """Return name and unit of a heading "name [unit]"; the unit is None if there is none.
 
-    Parentheses may hold a unit, too, as in "time (s)"; otherwise they belong to the name.
+    Parentheses may hold a unit, too, as in "time (s)"; otherwise they belong to the name. So do
+    the subscripts of x[2] and A[1,3]; "x [1]" has no dimension.
     """
     plain = heading.strip()
     if plain.endswith("]") and "[" in plain:
         name, _, unit = plain[:-1].rpartition("[")
+        if _SUBSCRIPT.fullmatch(unit) and not (name.endswith(" ") and unit.strip() == "1"):
+            return plain, None
         return name.strip(), unit.strip()
     if plain.endswith(")") and "(" in plain:
         name, _, unit = plain[:-1].rpartition("(")
@@ -119,7 +126,12 @@ def lines_of(text: str, wanted: Collection[str] = ()) -> Lines:
     if first.count('"') % 2:
         raise RecordError(f"line {places[0]}: a quoted heading does not end: close its quote")
     separator = _separator(first, below[0] if below else "", wanted)
-    (headings,) = _split([first], separator)
+    return _lines(separator, _split([first], separator) + _split(below, separator), places)
+
+
+def _lines(separator: str, cells: Sequence[list[str]], places: Sequence[int]) -> Lines:
+    """Return the cells of a table, whose headings come first, and perhaps a row of units."""
+    headings, *rows = cells
     while len(headings) > 1 and not headings[-1].strip():
         headings.pop()  # a separator at the end of each line
     if all(_MAYBE_NUMBER.fullmatch(heading) for heading in headings):
@@ -127,10 +139,46 @@ def lines_of(text: str, wanted: Collection[str] = ()) -> Lines:
             f"the first line must hold headings, got the numbers {', '.join(headings[:5])}: add a "
             "line such as 'time [s],level [m]'"
         )
-    rows = _split(below, separator)
     with_units = _units(headings, rows[0]) if rows else None
     skipped = 0 if with_units is None else 1
     return Lines(tuple(with_units or headings), separator, rows[skipped:], tuple(places[1 + skipped :]))
+
+
+def lines_of_workbook(content: bytes) -> Lines:
+    """Return the cells of the first sheet of an Excel workbook: .xlsx, .xls, .xlsb, or .ods.
+
+    Raises:
+        MissingExtraError: If python-calamine is not installed.
+        RecordError: If it is no workbook, or its sheet no table.
+    """
+    try:
+        from python_calamine import CalamineError, CalamineWorkbook
+    except ImportError as error:
+        raise MissingExtraError(
+            "Excel needs python-calamine: pip install 'prefcal[excel]', or save the table as CSV in UTF-8"
+        ) from error
+    try:
+        sheet = CalamineWorkbook.from_filelike(io.BytesIO(content)).get_sheet_by_index(0)
+        _check_size(sheet.total_height, sheet.total_width)
+        cells = sheet.to_python(skip_empty_area=False)
+    except CalamineError as error:
+        raise RecordError(
+            f"the file is a workbook or an archive that cannot be read ({error}): save it as CSV in UTF-8"
+        ) from error
+    rows = [[_text_of(cell) for cell in row] for row in cells]
+    places = [k for k, row in enumerate(rows) if any(row)]
+    if not places:
+        raise RecordError("a table needs a line of headings and rows of values, got an empty sheet")
+    width = max(k + 1 for place in places for k, cell in enumerate(rows[place]) if cell)
+    return _lines(",", [rows[k][:width] for k in places], [k + 1 for k in places])
+
+
+def _text_of(cell: Any) -> str:
+    """Return a cell of a workbook as it would stand in a CSV."""
+    if isinstance(cell, timedelta):
+        minutes, seconds = divmod(cell.total_seconds(), 60)
+        return f"{int(minutes // 60)}:{int(minutes % 60):02d}:{seconds:09.6f}"
+    return str(cell).strip()
 
 
 def decoded(content: bytes) -> str:
@@ -139,8 +187,6 @@ def decoded(content: bytes) -> str:
     Raises:
         RecordError: If it is no text.
     """
-    if content.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
-        raise RecordError("the file is a workbook or an archive, no table: save it as CSV in UTF-8")
     encodings = ["utf-16"] if content[:2] in (b"\xff\xfe", b"\xfe\xff") else ["utf-8-sig", "cp1252"]
     for encoding in encodings:
         try:
@@ -149,7 +195,7 @@ def decoded(content: bytes) -> str:
             continue
         if "\0" not in text:
             return text
-    raise RecordError("the file is neither text nor Parquet: save it as CSV in UTF-8")
+    raise RecordError("the file is neither text nor Parquet nor a workbook: save it as CSV in UTF-8")
 
 
 def _separator(first: str, second: str, wanted: Collection[str]) -> str:
@@ -219,9 +265,10 @@ def pyarrow() -> ModuleType:
 # --- Read a table: CSV, Parquet, text or a DataFrame, with the place of each row.
 
 Table = Any
-"""A DataFrame, the path of a CSV or Parquet file, its content, the text of a CSV, or a `Sheet`."""
+"""A DataFrame, the path of a CSV, Parquet or Excel file, its content, the text of a CSV, or a `Sheet`."""
 _LINE_END = re.compile(r"[\r\n]")
 _PARQUET = b"PAR1"
+_WORKBOOK = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")
 _SAMPLE = 1000  # number of cells that tell whether a column was meant as numbers
 _MOST_NAMED = 12  # largest number of headings in a message
 _MOST_COLUMNS, _MOST_CELLS = 2_000, 5_000_000
@@ -238,6 +285,14 @@ _WORDS = {
     "true": 1.0,
 }
 """Values of cells that hold no digits; NaN for an empty one."""
+_BAD = re.compile(
+    r"(bad|err(or)?|fault|fail(ed)?|invalid|(i/?o )?time-?out|no (data|good|result|sample|value|comm\w*)|"
+    r"not (available|connect(ed)?|good|read)|(calc|comm)\w* (failed|fail|off|error|fault)|scan (off|timeout)|"
+    r"out of serv\w*|(over|under) ?range|pt created|intf shut|shutdown|disconnected|offline|unavailable|"
+    r"unknown)\b.*|#[a-z0-9/]+[!?]?|[-?*]+|\[-\d+\].*",
+    re.IGNORECASE,
+)
+"""What historians, controllers and spreadsheets write if there is no good value."""
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}([., ']\d{3})+([.,]\d+)?")
 _WITH_UNIT = re.compile(r"[+-]?[\d.,]+([eE][+-]?\d+)? *[^\d\s.,:]{1,8}")
@@ -259,6 +314,10 @@ class Sheet:
         lines: Line of each row as an editor shows it, shape (K,); None if it comes from no text.
         uneven: What is wrong with rows of too many cells; "" if nothing is.
         signs: Line of the first number with a decimal comma, and with a point, by column.
+        bad: What was written instead of a good value, by column and row; such cells are NaN.
+        aside: Why a column is nothing that was measured, such as "row numbers", by column.
+        said: What else was made of the table, in words.
+        own_times: Whether each column has times of its own, so that empty cells are not missing.
     """
 
     headings: tuple[str, ...]
@@ -266,6 +325,19 @@ class Sheet:
     lines: Int[np.ndarray, " K"] | None = None
     uneven: str = ""
     signs: Mapping[int, Mapping[str, int]] = field(default_factory=dict)
+    bad: Mapping[int, Mapping[int, str]] = field(default_factory=dict)
+    aside: Mapping[int, str] = field(default_factory=dict)
+    said: tuple[str, ...] = ()
+    own_times: bool = False
+
+    def taken(self, rows: Int[np.ndarray, " M"]) -> "Sheet":
+        """Return the sheet of these rows, in this order."""
+        bad = {
+            i: {new: cells[old] for new, old in enumerate(rows.tolist()) if old in cells}
+            for i, cells in self.bad.items()
+        }
+        frame = self.frame.iloc[rows].reset_index(drop=True)
+        return replace(self, frame=frame, lines=None if self.lines is None else self.lines[rows], bad=bad)
 
     def place(self, row: int) -> str:
         """Return where a row is, for messages: "line 7" of a file, or "row 5" counted from 0."""
@@ -366,6 +438,10 @@ class Sheet:
             )
         return np.array(found, dtype=float)
 
+    def got(self, column: int, row: int, value: float = np.nan) -> str:
+        """Return what a cell without a number holds instead, for messages."""
+        return self.bad.get(column, {}).get(row, "nothing" if np.isnan(value) else f"{value:g}")
+
     def lacking(self, column: int, place: str, got: str, count: int) -> str:
         """Return that `count` cells hold no number, the first of them `got` at a `place`."""
         what = f"expected a number, got {got}{and_more(count)}"
@@ -390,6 +466,11 @@ def almost_a_number(cell: str) -> bool:
     plain = cell.strip()
     patterns = (_NUMBER, _DECIMAL_COMMA, _THOUSANDS, _SURELY_WITH_UNIT)
     return any(pattern.fullmatch(plain) for pattern in patterns)
+
+
+def is_bad(cell: str) -> bool:
+    """Return whether a cell says that there is no good value, such as "Bad Input"."""
+    return _BAD.fullmatch(cell.strip()) is not None
 
 
 def _number(cell: str, *, comma: bool) -> float | None:
@@ -417,8 +498,8 @@ def sheet_of(table: Table, wanted: Collection[str] = (), text: Collection[str] =
     """Read a table.
 
     Args:
-        table: A pandas DataFrame, the path of a CSV or Parquet file (text without a line end, or
-            a `Path`), the content of such a file as bytes, the text of a CSV, or a `Sheet`.
+        table: A pandas DataFrame, the path of a CSV, Parquet or Excel file (text without a line end,
+            or a `Path`), the content of such a file as bytes, the text of a CSV, or a `Sheet`.
         wanted: Headings that are expected, which tell which separator a CSV has.
         text: Headings of the columns of a CSV whose cells stay text even if they are numbers.
 
@@ -431,17 +512,19 @@ def sheet_of(table: Table, wanted: Collection[str] = (), text: Collection[str] =
         table = Path(table)
     table = _loaded(table)
     if isinstance(table, str):
-        return _of_text(table, wanted, text)
+        table = lines_of(table, wanted)
+    if isinstance(table, Lines):
+        return with_gaps(_of_lines(table, text), text)
     if hasattr(table, "columns") and hasattr(table, "iloc"):
-        return _of_frame(table)
+        return with_gaps(_of_frame(table), text)
     raise RecordError(
-        "a table must be a pandas DataFrame, the path of a CSV or Parquet file, or the text of a "
+        "a table must be a pandas DataFrame, the path of a CSV, Parquet or Excel file, or the text of a "
         f"CSV, got {type(table).__name__}"
     )
 
 
 def _loaded(source: Table) -> Any:
-    """Return the text or the DataFrame in a file, or in its content; others as they are."""
+    """Return the text, cells or DataFrame in a file, or in its content; others as they are."""
     if isinstance(source, Path):
         try:
             source = source.expanduser().read_bytes()
@@ -449,6 +532,8 @@ def _loaded(source: Table) -> Any:
             why = getattr(error, "strerror", None) or error
             raise RecordError(f"cannot read the table {str(source)[:200]!r}: {why}") from error
     if isinstance(source, bytes):
+        if source.startswith(_WORKBOOK):
+            return lines_of_workbook(source)
         return _parquet(source) if source[:4] == _PARQUET else decoded(source)
     return source
 
@@ -485,25 +570,55 @@ def _check_size(rows: int, columns: int) -> None:
 def _of_frame(frame: Any) -> Sheet:
     """Return the sheet of a DataFrame; an index that is no row number becomes its first column.
 
-    Integers without a name are row numbers, which a selection of rows does not count anew.
+    Integers without a name are row numbers, which a selection of rows does not count anew, unless
+    they are as large as seconds, or parts of them, since 1970.
     """
     import pandas as pd
 
     if isinstance(frame.columns, pd.MultiIndex) or isinstance(frame.index, pd.MultiIndex):
         raise RecordError("the DataFrame has several levels: flatten it with reset_index()")
-    index = frame.index
-    if not pd.api.types.is_integer_dtype(index.dtype) or index.name is not None:
+    index = frame.index.to_timestamp() if isinstance(frame.index, pd.PeriodIndex) else frame.index
+    if not pd.api.types.is_integer_dtype(index.dtype) or index.name is not None or _are_dates(frame):
         name = "time" if index.name is None else index.name
-        frame = pd.concat([index.to_series(index=index, name=name), frame], axis=1)
+        frame = pd.concat([index.to_series(index=frame.index, name=name), frame], axis=1)
     headings = tuple(str(heading) for heading in frame.columns)
     return Sheet(headings, frame.set_axis(range(len(headings)), axis=1).reset_index(drop=True))
 
 
-def _of_text(content: str, wanted: Collection[str], text: Collection[str]) -> Sheet:
-    """Return the sheet of a CSV. Empty lines and lines that begin with # are skipped."""
+def _are_dates(frame: Any) -> bool:
+    return len(frame) > 0 and "time" not in frame.columns and bool(frame.index.min() > 9e8)
+
+
+def with_gaps(sheet: Sheet, text: Collection[str]) -> Sheet:
+    """Return a sheet whose columns of numbers with cells such as "Bad" are numbers with gaps."""
     import pandas as pd
 
-    lines = lines_of(content, wanted)
+    frame, bad = sheet.frame.copy(deep=False), {}
+    for i, heading in enumerate(sheet.headings):
+        values = sheet.frame[i]
+        plain = pd.api.types.is_numeric_dtype(values.dtype) or values.dtype.kind in "mM"
+        if plain or {heading.strip(), parts_of(heading)[0]} & {*text}:
+            continue
+        found, written = np.full(len(values), np.nan), {}
+        comma = "," in sheet.signs.get(i, {})
+        for row, (cell, empty) in enumerate(zip(values, values.isna(), strict=True)):
+            value = np.nan if empty else _number(str(cell), comma=comma)
+            if value is not None:
+                found[row] = value
+            elif is_bad(str(cell)):
+                written[row] = repr(str(cell).strip()[:40])
+            else:
+                break
+        else:
+            if written and np.isfinite(found).any():
+                frame[i], bad[i] = found, written
+    return replace(sheet, frame=frame, bad=bad) if bad else sheet
+
+
+def _of_lines(lines: Lines, text: Collection[str]) -> Sheet:
+    """Return the sheet of a CSV, or of a workbook."""
+    import pandas as pd
+
     _check_size(len(lines.rows), len(lines.headings))
     columns: dict[int, Any] = {}
     signs: dict[int, Mapping[str, int]] = {}

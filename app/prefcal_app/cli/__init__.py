@@ -63,7 +63,7 @@ _MISSING = {
     "OLD": "name the study to rename and its new name: `prefcal studies list` shows yours",
     "NEW": "give the new name, too",
     "FILE": "name the exported file",
-    "RUN RUN ...": "name two runs or more: CSV or Parquet files, or STUDY:3",
+    "RUN RUN ...": "name two runs or more: CSV, Parquet or Excel files, or STUDY:3",
     "AGENT": "name an agent, or your own as path/to/own.py:Agent",
 }
 """Messages for missing arguments, by placeholder."""

@@ -165,7 +165,7 @@ class Checkup:
         unsolved = int(np.sum(~e.solved))
         held = f"; {unsolved} unsolved, which held the input" if unsolved else ""
         until = quantity(e.duration, e.channels.time_unit)
-        words = f"{len(e.t)} instants up to {until}, {len(e.t_control)} steps{held}{variants}"
+        words = f"{len(e.t)} instants over {until}, {len(e.t_control)} steps{held}{variants}"
         yield Finding("record", True, f"{words}; states and inputs are finite")
         yield from _channels(e.channels)
 

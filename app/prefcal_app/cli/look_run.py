@@ -41,7 +41,7 @@ def look_at(options: LookOptions) -> int:
     """
     if len(options.runs) < 2:
         raise SettingsError(
-            "name two runs or more: CSV or Parquet files, or STUDY:3 for experiment 3 of a study"
+            "name two runs or more: CSV, Parquet or Excel files, or STUDY:3 for experiment 3 of a study"
         )
     about = TableColumns(
         time=options.time,

@@ -261,7 +261,7 @@ class LookOptions:
     """Options of `prefcal look`, in the order of its help.
 
     Args:
-        runs: CSV or Parquet files, or STUDY:3, STUDY:best.
+        runs: CSV, Parquet or Excel files, or STUDY:3, STUDY:best.
         time: Column of time.
         time_format: Format of time stamps.
         outputs: Columns to show.

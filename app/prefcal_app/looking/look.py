@@ -23,16 +23,10 @@ from prefcal_app.web.serve import Site, guarded
 from prefcal_env.errors import ExperimentError, RecordError
 from prefcal_env.experiments.experiment import End, Experiment, table_of
 from prefcal_env.experiments.panels import Plot, named
-from prefcal_env.tables.frame import (
-    ALLOWED,
-    TableColumns,
-    gap_words,
-    gaps,
-    instants,
-    time_unit_of,
-    usual_time_columns,
-)
+from prefcal_env.tables.frame import ALLOWED, TableColumns
+from prefcal_env.tables.historian import NO_HEADING, tidied
 from prefcal_env.tables.sheet import Sheet, parts_of, sheet_of
+from prefcal_env.tables.times import Instants, gap_words, gaps, instants, usual_time_columns
 from prefcal_env.units import same
 from prefcal_scenarios.scenario import KPI
 from prefcal_scenarios.wording import picture_at, printable, put, with_unit
@@ -229,7 +223,7 @@ def run_from(path: Path, about: TableColumns | None = None) -> NamedRun:
     """Return the run in a file, with a sentence on what was taken for what.
 
     Args:
-        path: CSV or Parquet file, with a heading "name" or "name [unit]" for each column.
+        path: CSV, Parquet or Excel file, with a heading "name" or "name [unit]" for each column.
         about: What is known of the columns: names, units, references and time. A reference is a
             number as text, or the heading of a column. The rest is found from the headings.
 
@@ -243,7 +237,7 @@ def run_from(path: Path, about: TableColumns | None = None) -> NamedRun:
 
 
 def _run_from(path: Path, about: TableColumns) -> NamedRun:
-    sheet, time, mended = _timed_sheet(path, about)
+    sheet, time, found, mended = _timed_sheet(path, about)
     names = _names(sheet, about)
     reference = _references(sheet, about, names)
     beside = {time, *(names[name] for name in about.inputs)}
@@ -266,7 +260,7 @@ def _run_from(path: Path, about: TableColumns) -> NamedRun:
         time=sheet.headings[time],
         outputs=outputs,
         reference=reference,
-        units={n: u for n, u in about.units.items() if n in used},
+        units={n: u for n, u in about.units.items() if n in (*used, "time", sheet.name(time))},
         from_zero=False,
         allow=ALLOWED,
         max_rows=None,
@@ -274,20 +268,31 @@ def _run_from(path: Path, about: TableColumns) -> NamedRun:
         end=End.TIME_UP,
     )
     experiment = columns.read(sheet, [0.0])  # θ is not known
-    heading, unit = parts_of(sheet.headings[time])[0], experiment.channels.time_unit
     taken = {"outputs": outputs, "inputs": about.inputs, "references of": reference}
     words = [f"{what} {', '.join(found)}" for what, found in taken.items() if found]
-    bridged = _bridged({name: sheet.numbers(names[name]) for name in used})
+    places = {name: names[name] for name in used}
+    places |= {f"{n} ref": sheet.column(r, "") for n, r in reference.items() if isinstance(r, str)}
+    bridged = _bridged(sheet, places)
     converted = _converted(sheet, experiment, names, reference)
-    said = (f"time from {heading!r} in {unit}", *words, *converted, *mended, *bridged, *left_out)
+    said = (_time_words(sheet, time, found), *words, *converted, *mended, *bridged, *left_out)
     return run_of(path.name, experiment, "; ".join(said))
 
 
-def _timed_sheet(path: Path, about: TableColumns) -> tuple[Sheet, int, list[str]]:
-    """Return the rows that have a time, the number of its column, and what reading will mend."""
+def _time_words(sheet: Sheet, time: int, found: Instants) -> str:
+    """Return which column was taken for the time, and in which unit it was read."""
+    name = repr(sheet.name(time)) if sheet.name(time) else f"column {time + 1}"
+    if found.read and found.read != found.unit:
+        return f"time from {name}, read as {found.read}, in {found.unit}"
+    return f"time from {name} in {found.unit}{', as no unit is given' if found.read else ''}"
+
+
+def _timed_sheet(path: Path, about: TableColumns) -> tuple[Sheet, int, Instants, list[str]]:
+    """Return the rows that have a time, the number of its column, times, and what reading will mend."""
     sheet = sheet_of(path, {*about.columns.values(), *about.outputs, *about.inputs})
     if not len(sheet.frame):
         raise RecordError("a table needs a line of headings and rows of values, got headings only")
+    if sheet.uneven:
+        raise RecordError(sheet.uneven)
     named = about.columns.get("time", about.time)
     time = sheet.column(named, "") if named else (usual_time_columns(sheet) or [0])[0]
     column, said = sheet.frame[time], []
@@ -299,19 +304,24 @@ def _timed_sheet(path: Path, about: TableColumns) -> tuple[Sheet, int, list[str]
         )
     if not there.all():
         said.append(f"{(~there).sum()} of {len(there)} rows have no time and are left out")
-        frame = sheet.frame[there].reset_index(drop=True)
-        lines = None if sheet.lines is None else sheet.lines[there]
-        sheet = replace(sheet, frame=frame, lines=lines)
-    unit = time_unit_of(sheet, time, None)
-    t = instants(sheet, time, unit, about.time_format)
-    if (np.diff(t) < 0).any():
+        sheet = sheet.taken(np.flatnonzero(there))
+    guessed = not named and not usual_time_columns(sheet)
+    sheet, time = tidied(sheet, time, about.time_format, used=about.used(), repeated=True)
+    found = instants(sheet, time, None, about.time_format, about.counted_in(sheet.name(time)))
+    t, back = found.t, bool((np.diff(found.t) < 0).any())
+    if guessed and (back or sheet.name(time) == "T"):
+        raise RecordError(
+            f"no column is called time, and {sheet.name(time)!r} may be none: name the right one with --time"
+        )
+    said += [*sheet.said, *found.said]
+    if back:
         said.append("rows sorted by time")
     ordered = np.unique(t)
     if repeated := len(t) - len(ordered):
         said.append(f"of rows with the same time only the last one is kept ({repeated} left out)")
     if len(long := gaps(ordered)):
-        said.append(f"{gap_words(ordered, int(long[0]), unit, len(long))}: bridged")
-    return sheet, time, said
+        said.append(f"{gap_words(ordered, int(long[0]), found.unit, len(long))}: bridged")
+    return sheet, time, found, said
 
 
 def _names(sheet: Sheet, about: TableColumns) -> dict[str, int]:
@@ -350,6 +360,8 @@ def _outputs(
 
     if about.outputs:
         return tuple(about.outputs), []
+    aside = _aside(sheet)
+    there = {name: i for name, i in there.items() if i not in sheet.aside}
     columns = {name: sheet.frame[i] for name, i in there.items()}
     is_numeric = pd.api.types.is_numeric_dtype
     numeric = [n for n, values in columns.items() if is_numeric(values) and values.notna().any()]
@@ -360,7 +372,7 @@ def _outputs(
     if not numeric:
         headings = ", ".join(parts_of(h)[0] for h in sheet.headings)
         raise RecordError(f"there is no column of numbers beside the time, only {headings}")
-    said = [f"without numbers and left out: {', '.join(text[:5])}"] if text else []
+    said = [*aside, *([f"without numbers and left out: {', '.join(text[:5])}"] if text else [])]
     if len(numeric) > _MOST:
         said.append(f"only the first {_MOST} of {len(numeric)} columns: choose others with --outputs")
     return tuple(numeric[:_MOST]), said
@@ -380,16 +392,35 @@ def _converted(
             yield f"{name} converted from {found} to {unit}"
 
 
-def _bridged(columns: Mapping[str, np.ndarray]) -> Iterable[str]:
-    """Yield which columns have empty cells before and after their last value."""
-    filled, shorter = [], []
-    for name, values in columns.items():
+def _aside(sheet: Sheet) -> Iterable[str]:
+    """Yield which columns are left out because they are nothing that was measured."""
+    for why in dict.fromkeys(sheet.aside.values()):
+        found = [i for i, other in sheet.aside.items() if other == why]
+        names = ", ".join(sheet.name(i) or f"column {i + 1}" for i in found)
+        yield (
+            f"left out, as they hold {why}: {names}"
+            if why != NO_HEADING
+            else f"left out without a heading: {names}"
+        )
+
+
+def _bridged(sheet: Sheet, places: Mapping[str, int]) -> Iterable[str]:
+    """Yield which columns have bad values, and empty cells before and after their last value."""
+    filled, shorter, bad = [], [], {}
+    for name, place in places.items():
+        values = sheet.numbers(place)
         there = np.flatnonzero(np.isfinite(values))
+        if cells := sheet.bad.get(place):
+            bad[name] = cells
         if len(there) and len(there) <= there[-1]:
             filled.append(name)
         if len(there) and there[-1] < len(values) - 1:
             shorter.append(name)
+    if bad:
+        every = [words for cells in bad.values() for words in cells.values()]
+        gaps = "1 bad value is a gap" if len(every) == 1 else f"{len(every)} bad values are gaps"
+        yield f"{gaps} in {', '.join(bad)} ({', '.join([*dict.fromkeys(every)][:3])})"
     if filled:
         yield f"empty cells filled from their neighbors in {', '.join(filled)}"
     if shorter:
-        yield f"no values in the last rows of {', '.join(shorter)}"
+        yield f"no values in the last rows of {', '.join(shorter)}: the last one is held while others go on"

@@ -656,7 +656,7 @@ async def _given(request: Request) -> tuple[dict[str, Any], Given]:
     """Return the parameters and the record of a request that contains a record."""
     query = _query(request, _RECORD)
     if not _sent_as(request, "text/csv"):
-        raise HTTPException(415, "The record must be a CSV or Parquet file, sent as text/csv.")
+        raise HTTPException(415, "The record must be a CSV, Parquet or Excel file, sent as text/csv.")
     if "index" not in query:
         raise MalformedError("The request does not say which experiment the record belongs to.")
     unsafe, again = query.get("unsafe", False), query.get("again", False)

@@ -143,6 +143,13 @@ def test_a_rig_is_checked_with_a_made_up_record(check):
     assert "no run returns the KPI 'top'" in found(result, "KPIs")[1]
 
 
+def test_a_rig_with_a_format_of_time_stamps_is_checked_with_such_stamps(done, tmp_path):
+    rig = '[rig]\ntime_unit = "min"\ntime_format = "%d/%m/%Y %H:%M"\n'
+    (tmp_path / "oven.toml").write_text(rig + OVEN, encoding="utf-8")
+    told = " ".join(done("check", "oven.toml").split())
+    assert "60 instants over 59 min" in told
+
+
 def test_people_get_a_table_and_what_to_do_next(prefcal, done, tmp_path):
     (tmp_path / "own.py").write_text(HEAD + "own = t.toy", encoding="utf-8")
     out = done("check", "own.py:own")

@@ -32,9 +32,20 @@ def test_json_has_both_and_their_differences_and_names_a_picture(done, tmp_path)
     assert found["picture"] == "pair.png"
     assert (tmp_path / "pair.png").read_bytes()[:4] == b"\x89PNG"
     assert [run["rows"] for run in found["runs"]] == [3, 3]
+    assert [run["duration"] for run in found["runs"]] == [2, 2]
     (row,) = [r for r in found["comparison"] if r["title"] == "overshoot of level"]
     assert (row["left"]["text"], row["right"]["text"], row["difference"]) == ("0", "1", "+1 m")
     assert done(*words).splitlines()[-1] == "Picture: pair.png"
+
+
+def test_the_duration_and_the_unit_of_stamps_are_in_the_json(done, tmp_path):
+    rows = "".join(f"{1760000000000 + 500 * k},{k}\n" for k in range(61))
+    (tmp_path / "stamps.csv").write_text(f"timestamp,level\n{rows}")
+    found = json.loads(done("look", "stamps.csv", "stamps.csv", "--json"))["runs"][0]
+    assert (found["duration"], found["time_unit"]) == (30, "s")
+    assert "time from 'timestamp', read as ms" in found["read"]
+    words = ["look", "stamps.csv", "stamps.csv", "--unit", "timestamp=ms", "--json"]
+    assert json.loads(done(*words))["runs"][0]["duration"] == 30000
 
 
 def test_experiments_of_a_study_are_runs_too(done, refused):

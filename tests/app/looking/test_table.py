@@ -64,6 +64,82 @@ def test_of_two_hundred_columns_the_first_are_shown(tmp_path):
     assert "choose others with --outputs" in run.about
 
 
+LEVEL = [round(2 - 2 * 0.8**k, 4) for k in range(30)]
+
+
+def test_the_unit_of_the_time_is_said(tmp_path):
+    start = 1760000000
+    rows = "".join(f"{{{k}}},{level},2\n" for k, level in enumerate(LEVEL))
+    for heading, scale, words in (
+        ("timestamp", 1000, "time from 'timestamp', read as ms, in s; outputs level; references of level"),
+        ("timestamp", 10**9, "time from 'timestamp', read as ns, in s;"),
+        ("time_min", 1, "time from 'time_min' in min;"),
+        ("time", 1, "time from 'time' in s;"),
+    ):
+        first = start if scale > 1 else 0
+        times = [str((first + k) * scale) for k in range(30)]
+        run = read(tmp_path, f"{heading},level,level ref\n" + rows.format(*times))
+        assert run.about.startswith(words)
+        assert run.experiment.duration == 29
+    run = read(tmp_path, "time,level\n0,1\n500,2\n1000,3\n")
+    assert run.about.startswith("time from 'time' in s, as no unit is given;")
+    run = read(tmp_path, "time,level\n0,1\n500,2\n1000,3\n", units={"time": "ms", "level": "m"})
+    assert (run.experiment.channels.time_unit, run.experiment.channels.y[0].unit) == ("ms", "m")
+
+
+def test_a_clock_that_steps_back_in_autumn_is_said(tmp_path):
+    stamps = [f"2026-10-25 02:59:{s}" for s in range(40, 60)] + [
+        f"2026-10-25 02:00:{s:02d}" for s in range(20)
+    ]
+    run = read(tmp_path, "time,y\n" + "".join(f"{stamp},{k}\n" for k, stamp in enumerate(stamps)))
+    assert run.experiment.t.tolist() == list(range(40))
+    assert "the clock steps back by an hour at the end of summer time, after line 21: bridged" in run.about
+
+
+def test_a_first_column_that_is_no_time_is_refused(tmp_path):
+    for text in ("T,power\n20,1\n21,2\n22,1\n", "temperature,power\n20,1\n22,2\n21,1\n"):
+        with pytest.raises(RecordError, match=r"no column is called time, and .* may be none: name the"):
+            read(tmp_path, text)
+    assert read(tmp_path, "T,power\n20,1\n21,2\n22,1\n", time="T").experiment.duration == 2
+
+
+def test_columns_that_are_logged_on_change_are_held_to_the_end_and_this_is_said(tmp_path):
+    rows = "".join(
+        f"{k},{level},{2 if k == 1 else 1 if k == 0 else ''},{5 if k == 0 else ''}\n"
+        for k, level in enumerate(LEVEL)
+    )
+    run = read(tmp_path, "time,level,level ref,valve\n" + rows, inputs=("valve",))
+    e = run.experiment
+    assert (e.duration, set(e.u[:, 0]), e.y_ref[:, 0].tolist()) == (29, {5.0}, [1.0] + [2.0] * 29)
+    assert "no values in the last rows of valve, level ref: the last one is held" in run.about
+    assert "settling time of level" in e.kpis
+
+
+def test_a_row_for_each_tag_bad_values_and_what_is_left_out_are_said(tmp_path):
+    rows = "".join(f"PV,{k},{level if k != 4 else 'Bad Input'}\n" for k, level in enumerate(LEVEL))
+    run = read(tmp_path, "tag,time,value\n" + rows + "SP,0,2\nMODE,0,AUTO\n", reference={"PV": "SP"})
+    assert "one row for each 'tag': now columns PV, SP; tags without numbers left out: MODE" in run.about
+    assert "1 bad value is a gap in PV ('Bad Input')" in run.about
+    assert [c.name for c in run.experiment.channels.y] == ["PV"]
+    assert run.experiment.channels.y[0].target == 2
+    rows = "".join(f"{k},{k},{k},{'Bad' if 3 < k < 6 else 'Good'},\n" for k in range(9))
+    run = read(tmp_path, "No.,time,level,quality,uptime\n" + rows.replace(",\n", ",7\n"))
+    assert [c.name for c in run.experiment.channels.y] == ["level"]
+    for words in (
+        "2 bad values are gaps in level (quality Bad)",
+        "left out, as they hold row numbers: No.",
+        "left out, as they hold another time: uptime",
+        "left out, as they hold quality: quality",
+    ):
+        assert words in run.about
+
+
+def test_a_workbook_is_looked_at(tmp_path):
+    pytest.importorskip("python_calamine", reason="needs python-calamine: pip install 'prefcal[excel]'")
+    with pytest.raises(RecordError, match="a workbook or an archive that cannot be read"):
+        read(tmp_path, b"PK\x03\x04 no workbook")
+
+
 @pytest.mark.extended
 def test_parquet_is_read_with_its_index(tmp_path):
     pytest.importorskip("pyarrow", reason="needs pyarrow: pip install pyarrow")

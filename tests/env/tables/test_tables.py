@@ -471,7 +471,7 @@ def test_a_run_that_stopped_ends_with_its_last_finite_row_and_is_unsafe():
     assert np.array_equal(e.signals["note"], T[:7])
     assert recorded(1.0, T, {"level": y}, end=End.TIME_UP).end is End.TIME_UP
     own = recorded(1.0, None, {"level": (T, y), "flow": (T + 0.5, T)})
-    assert (own.duration, own.end) == (6.0, End.UNSAFE)
+    assert (own.t[-1], own.duration, own.end) == (6.0, 5.5, End.UNSAFE)
 
 
 @pytest.mark.parametrize("t", [T, []])

@@ -54,8 +54,8 @@ function taking(id, index, dialed, saved = () => {}) {
   const refused = el("div", { class: "refused", role: "alert", hidden: true });
   const seen = el("div", { class: "preview", id: `${id}-preview` });
   const unsafe = el("input", { type: "checkbox", id: id === "record" ? "became-unsafe" : `${id}-unsafe` });
-  const input = el("input", { type: "file", id: `${id}-file`, accept: ".csv,.txt,.parquet,text/csv,text/plain" });
-  const zone = el("div", { class: "drop" }, el("label", { for: input.id }, "Drop the record here, or choose a CSV or Parquet file"), input);
+  const input = el("input", { type: "file", id: `${id}-file`, accept: ".csv,.txt,.parquet,.xlsx,.xls,text/csv,text/plain" });
+  const zone = el("div", { class: "drop" }, el("label", { for: input.id }, "Drop the record here, or choose a CSV, Parquet or Excel file"), input);
   let file = null;
   const take = (given) => {
     file = given;
