@@ -46,14 +46,15 @@ def pid_scenario(
     each gets a PID of its own, paired by the relative gain array; the references step one after
     the other.
 
-    The knobs are K_p (without its sign), T_i, T_d and the set-point weight b; with several loops
-    they are called K_p_1, T_i_1 and so on.
+    The knobs are K_p, T_i, T_d and the set-point weight b; with several loops they are called
+    K_p_1, T_i_1 and so on. K_p is that of the controller: negative if a larger input lowers the
+    output. A range of its size gets this sign.
 
     Source: see `prefcal_env.controllers.pid` and `described.design.pairs_of`.
 
     Args:
         plant: Plant, or a linear system that `Plant.of` takes.
-        knobs: Knobs that replace those of the same name.
+        knobs: Knobs that replace those of the same name; K_p with the controller's sign, or its size.
         reference: Reference after the step by output, in its unit; None for the channels' targets,
             or what a fifth of the input's range achieves. Only these outputs are controlled.
         horizon: Duration of an experiment, in the plant's unit of time; None to find it.
@@ -61,19 +62,19 @@ def pid_scenario(
         brief: Description of the task for the person who compares.
 
     Raises:
-        ScenarioError: If there is no steady state, a name does not exist, or no PID stabilizes the
-            plant.
+        ScenarioError: If there is no steady state, a name does not exist, a range of K_p has the wrong
+            sign, or no PID stabilizes the plant.
         PlantError: If `plant` is neither a plant nor a linear system.
     """
     plant = plant_of(plant, horizon)
     found = design(plant, _tuned, reference, horizon)
     made = [knob for k in range(len(found.loops)) for knob in _knobs(plant, found, k)]
-    space = space_of(made, knobs, "PID")
+    space = space_of(made, [_signed(plant, found, knob) for knob in knobs], "PID")
     # The rules that apply to every loop.
     named = [n for n in found.loops[0].tunings if all(n in loop.tunings for loop in found.loops)]
     tunings = {name: [loop.tunings[name] for loop in found.loops] for name in named}
     references = {
-        name: theta_of(space, [v for t in each for v in (abs(t.K_p), t.T_i, t.T_d, 1.0)])
+        name: theta_of(space, [v for t in each for v in (t.K_p, t.T_i, t.T_d, 1.0)])
         for name, each in tunings.items()
     }
     return scenario_of_steps(
@@ -132,10 +133,10 @@ class PIDs:
         return float(pids.sensitivity(self.plant, omega)[0])
 
     def _tunings(self, theta: Float[np.ndarray, " n"]) -> list[tuple[Single, Tuning, float]]:
-        """Return each loop with its tuning, which has the sign of the robust one, and with b."""
+        """Return each loop with its tuning and with b; of K_p only the size counts, see `_sign`."""
         rows = np.reshape(np.asarray(theta, dtype=float), (-1, 4)).tolist()
         return [
-            (loop, Tuning(float(np.sign(loop.tunings["robust"].K_p)) * K_p, T_i, T_d), b)
+            (loop, Tuning(_sign(loop) * abs(K_p), T_i, T_d), b)
             for loop, (K_p, T_i, T_d, b) in zip(self.design.loops, rows, strict=True)
         ]
 
@@ -203,8 +204,10 @@ def _knobs(plant: Plant, found: Design, k: int) -> list[Knob]:
     y, u, center = plant.outputs[loop.output], loop.channel, loop.tunings["robust"]
     where = f"Loop {end[1:]}, {y.name} by {u.name}. " if end else ""
     about = {name: where + text for name, text in _ABOUT.items()}
+    if _sign(loop) < 0:
+        about["K_p"] += f" Negative, or the feedback from {y.name} to {u.name} would be positive."
     unit = f"{u.unit or '1'}/{y.unit}" if y.unit else u.unit
-    gain = _around([abs(t.K_p) for t in loop.tunings.values()])
+    gain = _around([t.K_p for t in loop.tunings.values()])
     times = _around([t.T_i for t in loop.tunings.values()])
     return [
         Knob(f"K_p{end}", *gain, unit, scale="log10", about=about["K_p"]),
@@ -214,8 +217,33 @@ def _knobs(plant: Plant, found: Design, k: int) -> list[Knob]:
     ]
 
 
+def _sign(loop: Single) -> float:
+    """Return the sign of K_p: that of the robust tuning, which alone stabilizes the loop."""
+    return float(np.sign(loop.tunings["robust"].K_p))
+
+
+def _signed(plant: Plant, found: Design, knob: Knob) -> Knob:
+    """Return a knob that someone gave; a range of K_p gets the sign of the controller.
+
+    Raises:
+        ScenarioError: If K_p would have the other sign, or both.
+    """
+    loops = {f"K_p{found.suffix(k)}": loop for k, loop in enumerate(found.loops)}
+    loop = loops.get(knob.name)
+    if loop is None or (knob.high <= 0 if _sign(loop) < 0 else knob.low >= 0):
+        return knob
+    if _sign(loop) < 0 <= knob.low:
+        return replace(knob, low=-knob.high, high=-knob.low)
+    y, u = plant.outputs[loop.output].name, loop.channel.name
+    raise ScenarioError(
+        f"knob {knob.name!r}: K_p must be {'negative' if _sign(loop) < 0 else 'positive'} throughout, or the "
+        f"feedback from {y!r} to {u!r} would be positive; got {knob.low:g} to {knob.high:g} {knob.unit}".rstrip()
+    )
+
+
 def _around(values: Sequence[float]) -> tuple[float, float]:
     """Return a range around the first value, equally wide on both sides, that holds the others."""
     middle = values[0]
     reach = max([_REACH, *(1.2 * max(v / middle, middle / v) for v in values)])
-    return float(f"{middle / reach:.2g}"), float(f"{middle * reach:.2g}")
+    low, high = sorted((float(f"{middle / reach:.2g}"), float(f"{middle * reach:.2g}")))
+    return low, high
