@@ -308,6 +308,17 @@ Delay = Numbers | Sequence[Sequence[float]]
 """One dead time, one for each input, or a row for each output with one for each input."""
 
 
+DEAD_TIMES = ("input_delay", "output_delay", "entry_delay")
+"""Attributes of a plant that hold its dead times."""
+
+
+def scaled_times(times: Any, factor: float, step: float = 0.0) -> Any:
+    """Return dead times, or rows of them, times a factor; multiples of `step` if it is not 0."""
+    if isinstance(times, tuple | list):
+        return tuple(scaled_times(each, factor, step) for each in times)
+    return step * round(factor * times / step) if step else factor * times
+
+
 class LinearPlant:
     """A `Plant` made of a linear system, continuous or discrete, with any number of signals.
 
@@ -432,11 +443,12 @@ class LinearPlant:
     def scaled(
         self, rates: Float[np.ndarray, " n_x"], gains: Float[np.ndarray, " n_u"], later: float
     ) -> "LinearPlant":
-        """Return the same plant with faster states (1 if it is discrete), larger gains and later inputs."""
+        """Return the same plant with faster states (1 if it is discrete), larger gains and later signals."""
         made, system, rows = copy(self), self.system, rates[:, None]
         acting = np.append(gains, np.ones(len(self.disturbances)))
         made.system = replace(system, A=system.A * rows, B=system.B * rows * acting, D=system.D * acting)
-        made.input_delay = tuple(later * each for each in self.input_delay)
+        for name in DEAD_TIMES:
+            setattr(made, name, scaled_times(getattr(self, name), later, self.sample_time))
         made._kept = {}
         made.__dict__.pop("_rates", None)
         return made

@@ -87,6 +87,40 @@ def test_a_direct_and_a_reversed_plant_are_controlled_in_their_directions():
         assert np.sign(pid_scenario(PLANTS[name]).controller(theta).parameters["K_p"]) == sign
 
 
+@pytest.mark.parametrize("scale", ["linear", "log10"])
+@pytest.mark.parametrize("ends", [(0.5, 5.0), (-5.0, -0.5)])
+def test_k_p_is_that_of_the_controller_whichever_sign_its_range_has(ends, scale):
+    given = Knob("K_p", *ends, "1", scale=scale)
+    scenario = pid_scenario(PLANTS["negative gain"], knobs=[given])
+    knob = next(iter(scenario.space))
+    assert (knob.low, knob.high) == (-5.0, -0.5)
+    for z in (0.0, 0.3, 1.0):
+        theta = scenario.space.decode(np.full(4, z))
+        pid = scenario.controller(theta).parameters
+        assert pid["K_p"] == theta[0] < 0
+        # The loop of a lag with gain -2 and K_p < 0 is that of gain 2 and -K_p.
+        mirrored = pid_scenario(Plant.of(([2.0], [10, 1]), delay=1.0))
+        turned = mirrored.run(theta * [-1, 1, 1, 1])
+        assert scenario.run(theta).kpis["M_s"] == pytest.approx(turned.kpis["M_s"])
+
+
+def test_names_of_tunings_have_the_sign_of_the_controller():
+    scenario = pid_scenario(PLANTS["negative gain"])
+    assert {"robust", "SIMC"} <= scenario.references.keys()
+    for theta in scenario.references.values():
+        assert scenario.controller(theta).parameters["K_p"] == theta[0] < 0
+    assert "Negative" in next(iter(scenario.space)).about
+
+
+@pytest.mark.parametrize(
+    ("name", "ends"),
+    [("negative gain", (-1.0, 5.0)), ("lag with dead time", (-5.0, -0.5)), ("lag with dead time", (-1, 5))],
+)
+def test_a_range_of_k_p_with_the_wrong_sign_is_refused(name, ends):
+    with pytest.raises(ScenarioError, match=r"'K_p': K_p must be (nega|posi)tive .* got -\d to -?[\d.]+ 1"):
+        pid_scenario(PLANTS[name], knobs=[Knob("K_p", *ends, "1")])
+
+
 def test_a_tank_starts_at_rest_inside_its_limits():
     tank = FunctionPlant(
         lambda x, u, d: [0.02 * u[0] - 0.1 * np.sqrt(np.maximum(x[0], 0))],
