@@ -234,10 +234,10 @@ def _signed(plant: Plant, found: Design, knob: Knob) -> Knob:
         return knob
     if _sign(loop) < 0 <= knob.low:
         return replace(knob, low=-knob.high, high=-knob.low)
-    y, u = plant.outputs[loop.output].name, loop.channel.name
+    y, u, got = plant.outputs[loop.output].name, loop.channel.name, f"{knob.low:g} to {knob.high:g}"
     raise ScenarioError(
         f"knob {knob.name!r}: K_p must be {'negative' if _sign(loop) < 0 else 'positive'} throughout, or the "
-        f"feedback from {y!r} to {u!r} would be positive; got {knob.low:g} to {knob.high:g} {knob.unit}".rstrip()
+        f"feedback from {y!r} to {u!r} would be positive; got {got} {knob.unit}".rstrip()
     )
 
 

@@ -296,6 +296,12 @@ def _brief(plant: Plant, design: Design) -> str:
         if (own.low, own.high) != (c.low, c.high):
             limits = f"{c.low:g} to {c.high:g} {c.unit}".rstrip()
             said.append(f"The plant does not limit {c.name}; {limits} is assumed.")
+        if loop.way:
+            said.append(
+                f"The plant rests only with {c.name} at its limit of {loop.rest:g} {c.unit}".rstrip()
+                + f", from where it can only {'rise' if loop.way > 0 else 'fall'}: if its values are "
+                "deviations, give it limits on both sides of 0."
+            )
     said.append(
         "Good control reaches the reference soon, without overshoot or oscillation, rejects the "
         "load, and spares the actuator. What counts more is up to you."

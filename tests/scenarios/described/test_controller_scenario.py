@@ -132,6 +132,50 @@ def test_a_tank_starts_at_rest_inside_its_limits():
     assert e.y_ref[0, 0] == 5.0
 
 
+INTEGRATORS = {
+    "level": Plant.of(([0.05], [1, 0]), delay=2.0, inputs=[VALVE], outputs=[Channel("level", "%", 0, 100)]),
+    "falling": Plant.of(([-0.05], [1, 0]), inputs=[VALVE], outputs=[Channel("level", "%", 0, 100)]),
+    "drum": Plant.of(
+        ([0.9], [3, 1, 0]), delay=0.5, inputs=[VALVE], outputs=[Channel("level", "cm", -50, 50)]
+    ),
+    "slow": Plant.of(([1e-9], [1, 0]), inputs=[VALVE], outputs=[Channel("level", "m", 0, 2)]),
+    "sampled": Plant.of(
+        signal.dlti([0.05], [1, -1], dt=1.0), inputs=[VALVE], outputs=[Channel("y", "", 0, 9)]
+    ),
+}
+
+
+@pytest.mark.parametrize("name", INTEGRATORS)
+def test_an_integrator_starts_where_it_rests_within_the_limits_of_its_output(name):
+    plant = INTEGRATORS[name]
+    scenario = pid_scenario(plant)
+    task = scenario.run.env.task
+    # It rests only with the valve closed, x' = K u.
+    assert task.u0 == pytest.approx([0.0], abs=1e-9)
+    y, level = plant.g(task.x0, task.u0, np.zeros(0)).item(), plant.outputs[0]
+    later = plant.hold(task.x0, task.u0, np.zeros(0), np.array([100.0]))[-1]
+    assert plant.g(later, task.u0, np.zeros(0)).item() == pytest.approx(
+        y, abs=1e-6 * (level.high - level.low)
+    )
+    assert y == pytest.approx((level.low + level.high) / 2)
+    # From there, the valve can only open: the step and the load are those that it can follow.
+    aim = float(task.reference(0.0)[0])
+    assert (aim < y) == (name == "falling")
+    assert task.disturbance(task.horizon).item() < 0
+    assert scenario.run(scenario.references["robust"]).end is End.TIME_UP
+    assert "only with" in scenario.brief
+
+
+def test_an_integrator_with_a_rest_inside_the_range_of_its_input_starts_there():
+    tank = FunctionPlant(
+        lambda x, u, d: [0.02 * (u[0] - 40)], states=[Channel("level", "%", 0, 100)], inputs=[VALVE]
+    )
+    scenario = pid_scenario(tank)
+    assert scenario.run.env.task.u0 == pytest.approx([40.0])
+    assert scenario.run.env.task.x0 == pytest.approx([50.0])
+    assert "only with" not in scenario.brief
+
+
 def test_two_outputs_get_two_paired_loops():
     A, B = np.diag([-1.0, -0.5]), np.array([[0.2, 1.0], [1.0, 0.1]])
     scenario = pid_scenario(Plant.of((A, B, np.eye(2), np.zeros((2, 2)))))
