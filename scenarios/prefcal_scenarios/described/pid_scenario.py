@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.controllers.margins import sampled
+from prefcal_env.controllers.margins import minimal, sampled
 from prefcal_env.controllers.pid import PID, Decentralized, LinearPIDs, Tuning, robust, simc, ziegler_nichols
 from prefcal_env.errors import ScenarioError
 from prefcal_env.knobs import Knob
@@ -162,7 +162,7 @@ def _tune(plant: Plant, found: Design, loop: Single) -> Single:
         raise ScenarioError(
             f"no PID from {channel.name!r} to {plant.outputs[i].name!r} was found that stabilizes "
             f"plant {plant.name!r} at its steady state {state}: choose another output by its "
-            "reference, or another kind of controller"
+            f"reference, or another kind of controller{_hidden(found.J.part([i], [j]))}"
         )
     pid = LinearPIDs.of([best[0]], N)
     M, rows = pid.loops(model)[0], np.zeros((2, len(model.A) + 2))
@@ -172,6 +172,21 @@ def _tune(plant: Plant, found: Design, loop: Single) -> Single:
     except FloatingPointError:
         time, peak = 200 * T_s, 0.0
     return replace(loop, tunings=_tunings(loop, model, omega, best[0])).settling(time, peak)
+
+
+def _hidden(J: LinearSystem) -> str:
+    """Return what to say of poles that do not decay and that the loop cannot reach; "" without any."""
+    lasting, reached = (
+        [rate for rate in M.rates.tolist() if rate.real >= -1e-9 * max(1.0, abs(rate))]
+        for M in (J, minimal(J))
+    )
+    if len(lasting) <= len(reached):
+        return ""
+    at = ", ".join(f"{rate:.3g}".replace("+0j", "") for rate in lasting)
+    return (
+        f". Of the poles at s = {at} that do not decay, a zero cancels {len(lasting) - len(reached)}: the "
+        "input does not move that state, or the output does not show it. Leave it out of the model"
+    )
 
 
 def _tunings(

@@ -419,3 +419,20 @@ def test_own_knobs_replace_those_found_and_others_are_refused():
 def test_a_plant_that_no_lqr_controls_is_refused(plant, said):
     with pytest.raises(ScenarioError, match=said):
         lqr_scenario(plant)
+
+
+@pytest.mark.parametrize("factor", [[1, 0], [1, 0, 0], [1, 0, 4]])
+def test_a_common_factor_changes_no_range_and_is_said(factor):
+    num, den = [3.0, 1.5], [9.0, 6.0, 4.0, 1.5]
+    right = pid_scenario(Plant.of((num, den)))
+    made = pid_scenario(Plant.of((np.polymul(num, factor), np.polymul(den, factor))))
+    for knob, same in zip(made.space, right.space, strict=True):
+        assert (knob.low, knob.high) == pytest.approx((same.low, same.high), rel=0.05)
+    assert "common factor" in made.brief
+    assert "common factor" not in right.brief
+
+
+def test_what_hides_in_matrices_stays_and_is_named_where_no_controller_is_found():
+    A, B, C, D = signal.tf2ss([3, 1.5, 0], [9, 6, 4, 1.5, 0])
+    with pytest.raises(ScenarioError, match=r"poles at s = .* a zero cancels 1"):
+        pid_scenario(Plant.of((A, B, C, D)))

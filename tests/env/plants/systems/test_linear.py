@@ -8,6 +8,7 @@ from scipy import signal
 
 from prefcal_env import Channel, FunctionPlant, LTILoop, Move, Plant, PlantEnv, Task, rollout
 from prefcal_env.errors import PlantError, SettingsError
+from prefcal_env.plants.systems import of_fractions, system_of
 
 A, B = np.array([[-1.0, 0.5], [0.2, -2.0]]), np.array([[1.0, 0.0], [0.3, 2.0]])
 C, D = np.array([[1.0, 0.0], [0.5, 1.0]]), np.array([[0.0, 0.1], [0.0, 0.0]])
@@ -348,3 +349,71 @@ def test_dead_time_shifts_the_response_by_its_length(seed, n_x, periods, where):
         assert [t[i], later[j]] == pytest.approx([at, at + dead], abs=1e-9)
         assert late[j] == pytest.approx(y[i], rel=1e-8, abs=1e-8)
     assert late[later < dead - 1e-9] == pytest.approx(0.0, abs=1e-12)
+
+
+G = [3.0, 1.5], [9.0, 6.0, 4.0, 1.5]
+H = [0.05, 0.04], [1.0, -1.6, 0.7]  # in z, with T_s = 0.2
+
+
+def times(fraction, *factors):
+    """A fraction whose numerator and denominator have more factors."""
+    num, den = fraction
+    for factor in factors:
+        num, den = np.polymul(num, factor), np.polymul(den, factor)
+    return num, den
+
+
+@pytest.mark.parametrize(
+    ("given", "right", "dt", "words"),
+    [
+        (times(G, [1, 0]), G, 0.0, "s = 0 cancel"),
+        (times(G, [1, 0], [1, 0]), G, 0.0, "s = 0 cancel"),
+        (times(G, [1, 0, 4]), G, 0.0, "s = 0+2j cancel"),
+        ((np.append(times(G)[0], 1e-17), np.append(G[1], 0.0)), G, 0.0, "s = 0 cancel"),
+        (([1e-16, 2e-16, 0, *G[0]], G[1]), G, 0.0, "rounding"),
+        (([1e-16, *G[0]], G[1]), G, 0.0, "rounding"),
+        ((G[0], [1e-17, *G[1]]), G, 0.0, "rounding"),
+        (times(H, [1, -1]), H, 0.2, "z = 1 cancel"),
+        (times(H, [1, 1]), H, 0.2, "z = -1 cancel"),
+        ((np.concatenate([[1e-16, 1e-16], H[0]]), H[1]), H, 0.2, "rounding"),
+        (times(([0.05], [1, 0]), [1, 0]), ([0.05], [1, 0]), 0.0, "s = 0 cancel"),
+    ],
+)
+def test_rounding_and_common_factors_that_do_not_decay_are_left_out_and_said(given, right, dt, words):
+    made = of_fractions([[given[0]]], [[given[1]]], dt)
+    omega = np.geomspace(0.01, 3.0, 9)
+    z = np.exp(1j * omega * dt) if dt else 1j * omega
+    exact = np.polyval(right[0], z) / np.polyval(right[1], z)
+    np.testing.assert_allclose(made.at(1j * omega)[:, 0, 0], exact, rtol=1e-6)
+    assert len(made.A) == len(right[1]) - 1
+    assert words in " ".join(made.cleaned)
+
+
+def test_zeros_poles_and_gain_that_share_an_integrator_are_cleaned():
+    made = system_of(signal.lti([0.0, -1.0], [0.0, -2.0, -3.0], 4.0))
+    assert len(made.A) == 2
+    assert made.at(np.array([2j]))[0, 0, 0] == pytest.approx(4 * (2j + 1) / (2j + 2) / (2j + 3))
+
+
+@pytest.mark.parametrize(("fraction", "factor", "dt"), [(G, [1, -2], 0.0), (H, [1, -1.1], 0.2)])
+def test_an_unstable_pole_that_cancels_is_refused(fraction, factor, dt):
+    num, den = times(fraction, factor)
+    with pytest.raises(PlantError, match=r"unstable pole at [sz] = [\d.]+ that a zero cancels"):
+        of_fractions([[num]], [[den]], dt)
+
+
+@pytest.mark.parametrize(
+    "fraction",
+    [
+        times(G, [1, 2]),  # a stable factor does no harm
+        ([1.0, 1e-7], [1.0, 1.0, 0.0]),  # a slow zero is none at 0
+        ([1.0, 0.0], [1.0, 1.0, 1e-7]),  # and a slow pole no integrator
+        (np.poly([-1.0] * 6), np.poly([-0.9] * 7)),
+        ([1.0], [1e-15, 1e-7, 1.0]),  # fast, in s
+        ([1e-6, 1.0], [1.0, 1.0, 0.0]),
+    ],
+)
+def test_what_is_no_rounding_stays(fraction):
+    made = system_of(fraction)
+    assert made.cleaned == ()
+    assert len(made.A) == len(fraction[1]) - 1
