@@ -328,7 +328,7 @@ def _without_common(
 
 def _terms(polynomial: np.ndarray, size: float) -> np.ndarray:
     """Return the magnitude of each term of a polynomial at a magnitude of s or z."""
-    return np.abs(polynomial) * size ** np.arange(len(polynomial) - 1, -1, -1.0)
+    return np.asarray(np.abs(polynomial) * size ** np.arange(len(polynomial) - 1, -1, -1.0))
 
 
 def _canonical(num: Any, den: Any, dt: float = 0.0) -> LinearSystem:
