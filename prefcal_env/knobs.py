@@ -45,7 +45,7 @@ class Knob:
         low: Smallest value.
         high: Largest value.
         unit: Unit of both bounds.
-        scale: "linear" if differences count, "log10" if ratios count.
+        scale: "linear" if differences count, "log10" if ratios count; then both bounds have one sign.
         integer: Whether only whole numbers are valid.
         step: Resolution, in `unit`: the smallest change that a person can dial in or notice. On a
             log10 scale it is relative: 0.02 is 2 %. Proposed values are multiples of it. None
@@ -56,8 +56,8 @@ class Knob:
 
     Raises:
         KnobError: If the bounds are reversed, equal or infinite, lie so close that hardly a number
-            fits between them, or have an infinite difference; if a log10 knob is not positive, an
-            integer knob has bounds that are not integers, `integer` is neither True nor False, the
+            fits between them, or have an infinite difference; if the range of a log10 knob holds 0,
+            an integer knob has bounds that are not integers, `integer` is neither True nor False, the
             name is empty, the scale is unknown, or the step is negative, wider than the range, or a
             fraction for an integer knob.
     """
@@ -82,6 +82,11 @@ class Knob:
         if step is None:
             step = 1.0 if self.integer else default_step(self.low, self.high, self.scale)
         object.__setattr__(self, "resolution", float(step))
+
+    @property
+    def _sign(self) -> float:
+        """Sign of all values of a log10 knob."""
+        return 1.0 if self.low > 0 else -1.0
 
     def round(self, value: float) -> float:
         """Return the valid proposal nearest to `value`, both in `unit`.
@@ -125,7 +130,7 @@ class Knob:
         if step == 0:
             raise KnobError(f"knob {self.name!r} has no step to measure differences by")
         if self.scale == "log10" and not self.integer:
-            return np.asarray(np.log(values / self.low) / np.log1p(step))
+            return np.asarray(self._sign * np.log(values / self.low) / np.log1p(step))
         return np.asarray(values / step)
 
     def choices(self, low: float, high: float) -> Float[np.ndarray, " m"]:
@@ -139,7 +144,7 @@ class Knob:
         first, last = self.steps(np.array([low, high]))
         inside = np.arange(np.ceil(first), np.floor(last) + 1)
         if self.scale == "log10" and not self.integer:
-            values = self.low * (1 + self.resolution) ** inside
+            values = self.low * (1 + self.resolution) ** (self._sign * inside)
         else:
             values = inside * self.resolution
         values = np.array([low, *(self.round(float(v)) for v in values), high])
@@ -154,7 +159,8 @@ class Knob:
     def decode(self, z: float) -> float:
         """Return the physical value, in `unit`, at `z` in [0, 1]; integers round half up."""
         if self.scale == "log10":
-            value = 10.0 ** (np.log10(self.low) * (1 - z) + np.log10(self.high) * z)
+            low, high = np.log10(abs(self.low)), np.log10(abs(self.high))
+            value = self._sign * 10.0 ** (low * (1 - z) + high * z)
         else:
             value = self.low * (1 - z) + self.high * z
         if self.integer:
@@ -174,9 +180,10 @@ class Knob:
 
     def decode_all(self, z: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
         """Decode many coordinates at once, up to rounding and without rounding integers, (m,)."""
-        low, high = (np.log10(v) if self.scale == "log10" else v for v in (self.low, self.high))
+        log = self.scale == "log10"
+        low, high = (np.log10(abs(v)) if log else v for v in (self.low, self.high))
         value = low * (1 - z) + high * z
-        return np.asarray(10.0**value if self.scale == "log10" else value)
+        return np.asarray(self._sign * 10.0**value if log else value)
 
     def encode_all(self, values: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
         """Encode many physical values at once, up to rounding, shape (m,)."""
@@ -212,10 +219,10 @@ def too_close(low: float, high: float, *, integer: bool) -> bool:
 def default_step(low: float, high: float, scale: str) -> float:
     """Return the largest 1, 2 or 5 times a power of ten that is at most 1/100 of the range.
 
-    On a log10 scale the step is relative: 1 + step is at most the hundredth root of high / low.
+    On a log10 scale the step is relative: 1 + step is at most the hundredth root of the ratio of both ends.
     """
     if scale == "log10":
-        most, size = 10.0 ** ((log10(high) - log10(low)) / _SHARE) - 1.0, 1.0
+        most, size = 10.0 ** (abs(log10(abs(high)) - log10(abs(low))) / _SHARE) - 1.0, 1.0
     else:
         most, size = (high - low) / _SHARE, max(abs(low), abs(high))
     if most <= _FINEST * size:
@@ -246,8 +253,8 @@ def _problem(knob: Knob) -> str:
         )
     if knob.scale not in get_args(Scale):
         return f"scale must be one of {get_args(Scale)}, got {knob.scale!r}"
-    if knob.scale == "log10" and (low <= 0 or high / 1e300 > low):
-        return f"a log10 scale needs low above 0, {box}"
+    if knob.scale == "log10" and (low <= 0 <= high or max(low / high, high / low) > 1e300):
+        return f"a log10 scale needs low above 0, or high below 0, {box}"
     if knob.integer and (low != round(low) or high != round(high)):
         return f"an integer knob needs integer bounds, {box}"
     return "" if knob.step is None else _step_problem(knob, knob.step)
@@ -258,7 +265,8 @@ def _step_problem(knob: Knob, step: Any) -> str:
     got = f"got {step!r} {unit}".rstrip()
     if not is_number(step) or not isfinite(step) or step < 0:
         return f"step must be a number, 0 or more, {got}"
-    widest = knob.high / knob.low - 1 if unit == "relative" else knob.high - knob.low
+    ratio = max(knob.high / knob.low, knob.low / knob.high) if unit == "relative" else 1.0
+    widest = ratio - 1 if unit == "relative" else knob.high - knob.low
     if step > widest:
         return f"step must be at most {widest:g}, the range, {got}"
     if knob.integer and (step < 1 or step != round(step)):

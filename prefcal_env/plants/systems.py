@@ -34,6 +34,7 @@ class LinearSystem:
         inputs: Names of the inputs; () if they have none.
         outputs: Names of the outputs; () if they have none.
         states: Names of the states; () if they have none.
+        cleaned: What was left out of transfer functions, a sentence each.
 
     Raises:
         PlantError: If shapes do not fit each other, a number is not finite, or dt is negative.
@@ -47,6 +48,7 @@ class LinearSystem:
     inputs: tuple[str, ...] = ()
     outputs: tuple[str, ...] = ()
     states: tuple[str, ...] = ()
+    cleaned: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         n_y, n_u = np.shape(self.D)
@@ -111,7 +113,7 @@ class LinearSystem:
         m = self.D.shape[1]
         B = np.vstack([np.where(np.arange(m) == j, self.B, 0.0) for j in range(m)])
         A, C = np.kron(np.eye(m), self.A), np.tile(self.C, m)
-        return LinearSystem(A, B, C, self.D, self.dt, self.inputs, self.outputs)
+        return LinearSystem(A, B, C, self.D, self.dt, self.inputs, self.outputs, cleaned=self.cleaned)
 
     def part(self, outputs: Sequence[int], inputs: Sequence[int]) -> "LinearSystem":
         """Return the system from some inputs to some outputs, with all states."""
@@ -142,7 +144,8 @@ def system_of(system: Any) -> LinearSystem:
     """Return `system` as matrices.
 
     Transfer functions are realized entry by entry in controllable canonical form, which is exact
-    but has more states than needed if the entries share poles.
+    but has more states than needed if the entries share poles. Before that, rounding and common
+    factors are left out, see `_cleaned`; matrices stay as they are.
 
     Args:
         system: StateSpace or TransferFunction of python-control or scipy.signal (continuous or
@@ -175,7 +178,8 @@ def system_of(system: Any) -> LinearSystem:
         dt = sample_time(getattr(system, "dt", None))
         return of_fractions([[row] for row in rows], [[system.den]] * len(rows), dt)
     if hasattr(system, "to_ss"):  # zeros, poles and gain of scipy
-        return system_of(system.to_ss())
+        shared = np.isin(system.zeros, system.poles).any()
+        return system_of(system.to_tf() if shared else system.to_ss())
     if isinstance(system, Sequence) and not isinstance(system, str):
         if _grid(system):
             return _of_grid(system)
@@ -219,7 +223,7 @@ def of_fractions(num: list[list[Any]], den: list[list[Any]], dt: float = 0.0) ->
         PlantError: If one is improper, or a denominator is 0.
     """
     rows = zip(num, den, strict=True)
-    grid = [[_canonical(*entry) for entry in zip(*row, strict=True)] for row in rows]
+    grid = [[_canonical(*entry, dt) for entry in zip(*row, strict=True)] for row in rows]
     return _assembled(grid, dt)
 
 
@@ -253,20 +257,83 @@ def _assembled(grid: Sequence[Sequence[LinearSystem]], dt: float) -> LinearSyste
     n_y, n_u = len(grid), len(grid[0])
     A, B, C = np.zeros((n_x, n_x)), np.zeros((n_x, n_u)), np.zeros((n_y, n_x))
     D, first = np.zeros((n_y, n_u)), 0
+    cleaned = dict.fromkeys(words for row in grid for entry in row for words in entry.cleaned)
     for i, row in enumerate(grid):
         for j, entry in enumerate(row):
             own = slice(first, first + len(entry.A))
             A[own, own], B[own, j], C[i, own] = entry.A, entry.B[:, 0], entry.C[0]
             D[i, j] = entry.D[0, 0]
             first += len(entry.A)
-    return LinearSystem(A, B, C, D, dt)
+    return LinearSystem(A, B, C, D, dt, cleaned=tuple(cleaned))
 
 
-def _canonical(num: Any, den: Any) -> LinearSystem:
-    """Return num/den, polynomials with the highest power first, without its sample time."""
+_TINY = 1e-12  # share of a polynomial, near the poles, that is the rounding of an earlier calculation
+_SHARED = 1e-9  # the same for a numerator at a pole: the pole is one of its zeros
+_MARGINAL = 1e-6  # distance of a pole from the limit of stability, relative to its size, that is none
+
+
+def _cleaned(num: Any, den: Any, dt: float) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+    """Return num and den without rounding and common factors, and what was left out.
+
+    Rounding are leading coefficients that contribute less than 1e-12 of the polynomial where s is as
+    large as the poles (z = 1).
+
+    Raises:
+        PlantError: If the denominator is 0, or an unstable pole cancels.
+    """
     b, a = (np.trim_zeros(np.atleast_1d(_matrix("a polynomial", p)), "f") for p in (num, den))
     if not len(a):
         raise PlantError("a transfer function needs a denominator that is not 0")
+    if not len(b):
+        return b, np.ones(1), ()  # it has no states
+    sizes = np.sort(np.abs(np.roots(a)))
+    sizes = sizes[sizes > 0]
+    usual = float(sizes[(len(sizes) - 1) // 2]) if len(sizes) and not dt else 1.0
+    first = [int(np.argmax(terms > _TINY * terms.max())) for terms in (_terms(b, usual), _terms(a, usual))]
+    said = ["coefficients that are rounding, below 1e-12 of their polynomial"] if any(first) else []
+    b, a, common = _without_common(b[first[0] :], a[first[1] :], usual, dt)
+    return b, a, tuple(f"Left out of a transfer function: {words}." for words in [*said, *common])
+
+
+def _without_common(
+    b: np.ndarray, a: np.ndarray, usual: float, dt: float
+) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    """Return b and a without common factors whose poles integrate or oscillate for ever, and these.
+
+    As a function, a transfer function has no such factor: that of g s/s comes from calculating, and
+    no controller could stabilize the state that it would get. A stable one does no harm and stays.
+    An unstable one is refused: if it is real, the plant runs away, whatever its output shows.
+    """
+    poles, zeros, said = np.roots(a).tolist(), np.roots(b), list[str]()
+    for pole in list(poles):
+        size = max(abs(pole), usual)
+        beyond = (abs(pole) - 1.0 if dt else pole.real) / size
+        near = np.flatnonzero(np.abs(zeros - pole) <= _MARGINAL * size)
+        zero = abs(np.polyval(b, pole)) <= _SHARED * _terms(b, size).sum()
+        if beyond < -_MARGINAL or not zero or not len(near):
+            continue
+        at = f"{'z' if dt else 's'} = {complex(pole):.4g}".replace("+0j", "")
+        if beyond > _MARGINAL:
+            raise PlantError(
+                f"a transfer function has an unstable pole at {at} that a zero cancels, so that no "
+                "controller can stabilize it: leave both out if they only come from calculating, as in g*h/h"
+            )
+        poles.remove(pole)
+        zeros = np.delete(zeros, near[np.argmin(np.abs(zeros[near] - pole))])
+        said.append(f"a common factor, whose pole and zero at {at} cancel")
+    if said:
+        b, a = b[0] * np.real(np.poly(zeros)), a[0] * np.real(np.poly(poles))
+    return np.atleast_1d(b), np.atleast_1d(a), said
+
+
+def _terms(polynomial: np.ndarray, size: float) -> np.ndarray:
+    """Return the magnitude of each term of a polynomial at a magnitude of s or z."""
+    return np.asarray(np.abs(polynomial) * size ** np.arange(len(polynomial) - 1, -1, -1.0))
+
+
+def _canonical(num: Any, den: Any, dt: float = 0.0) -> LinearSystem:
+    """Return num/den, polynomials with the highest power first, without its sample time."""
+    b, a, cleaned = _cleaned(num, den, dt)
     if len(b) > len(a):
         raise PlantError(
             f"a transfer function must be proper, got degree {len(b) - 1} over {len(a) - 1}: add "
@@ -278,7 +345,7 @@ def _canonical(num: Any, den: Any) -> LinearSystem:
     A = np.eye(n, k=-1)
     if n:
         A[0] = -a[1:]
-    return LinearSystem(A, np.eye(n, 1), (b[1:] - b[0] * a[1:])[None], b[:1, None])
+    return LinearSystem(A, np.eye(n, 1), (b[1:] - b[0] * a[1:])[None], b[:1, None], cleaned=cleaned)
 
 
 def sample_time(dt: Any) -> float:
@@ -306,6 +373,17 @@ Named = str | Channel | Sequence[str | Channel]
 Numbers = float | Sequence[float] | np.ndarray
 Delay = Numbers | Sequence[Sequence[float]]
 """One dead time, one for each input, or a row for each output with one for each input."""
+
+
+DEAD_TIMES = ("input_delay", "output_delay", "entry_delay")
+"""Attributes of a plant that hold its dead times."""
+
+
+def scaled_times(times: Any, factor: float, step: float = 0.0) -> Any:
+    """Return dead times, or rows of them, times a factor; multiples of `step` if it is not 0."""
+    if isinstance(times, tuple | list):
+        return tuple(scaled_times(each, factor, step) for each in times)
+    return step * round(factor * times / step) if step else factor * times
 
 
 class LinearPlant:
@@ -432,11 +510,12 @@ class LinearPlant:
     def scaled(
         self, rates: Float[np.ndarray, " n_x"], gains: Float[np.ndarray, " n_u"], later: float
     ) -> "LinearPlant":
-        """Return the same plant with faster states (1 if it is discrete), larger gains and later inputs."""
+        """Return the same plant with faster states (1 if it is discrete), larger gains and later signals."""
         made, system, rows = copy(self), self.system, rates[:, None]
         acting = np.append(gains, np.ones(len(self.disturbances)))
         made.system = replace(system, A=system.A * rows, B=system.B * rows * acting, D=system.D * acting)
-        made.input_delay = tuple(later * each for each in self.input_delay)
+        for name in DEAD_TIMES:
+            setattr(made, name, scaled_times(getattr(self, name), later, self.sample_time))
         made._kept = {}
         made.__dict__.pop("_rates", None)
         return made

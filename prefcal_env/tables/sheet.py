@@ -18,7 +18,6 @@ from prefcal_env import units
 from prefcal_env.errors import MissingExtraError, RecordError
 from prefcal_env.wording import and_more, did_you_mean
 
-
 _SUBSCRIPT = re.compile(r"\s*-?\d+\s*([,:]\s*-?\d+\s*)*")
 
 

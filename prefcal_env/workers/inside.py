@@ -151,6 +151,8 @@ class Link:
 
     def __init__(self) -> None:
         given, self._out = _pipes()
+        if isinstance(sys.stdout, io.TextIOWrapper):
+            sys.stdout.reconfigure(errors="replace")  # what cp1252 lacks fails no run that prints it
         self._process = os.getpid()
         with suppress(OSError):  # if memory runs out, this process ends rather than prefcal
             Path("/proc/self/oom_score_adj").write_text("1000")

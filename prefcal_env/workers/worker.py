@@ -76,7 +76,8 @@ class Process:
         self._said: IO[bytes] | None = tempfile.TemporaryFile() if terms.quiet else None  # noqa: SIM115
         # In its own process group, it gets no Ctrl-C from the terminal and ends with its children.
         self._process = subprocess.Popen(
-            [sys.executable, "-c", _BOOT, json.dumps(arguments)],
+            # -P: a file json.py in the folder of the shell hides no library.
+            [sys.executable, "-P", "-c", _BOOT, json.dumps(arguments)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._said,

@@ -1,5 +1,6 @@
 """A user's own scenarios: how they are named, and the file that is loaded."""
 
+import ast
 import importlib.util
 import json
 import logging
@@ -12,6 +13,8 @@ import traceback
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from hashlib import sha256
+from importlib.machinery import PathFinder
+from importlib.metadata import PackageNotFoundError, requires
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -171,10 +174,16 @@ def module_at(path: Path) -> ModuleType:
     """Execute the file at `path` as a module; it can import modules from its own folder.
 
     Raises:
-        ScenarioError: If the file does not exist or cannot be imported.
+        ScenarioError: If the file does not exist, has the name of a library that it needs, or cannot be
+            imported.
     """
     if not path.is_file():
         raise ScenarioError(f"no file {str(path)!r} to load from")
+    if _hides_itself(path):
+        raise ScenarioError(
+            f"cannot load {str(path)!r}: it has the same name as the library {path.stem!r}, which it hides: "
+            "rename the file"
+        )
     spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec is not None
     module = importlib.util.module_from_spec(spec)
@@ -192,6 +201,42 @@ def module_at(path: Path) -> ModuleType:
     finally:
         sys.path.pop(0)
     return module
+
+
+def _hides_itself(path: Path) -> bool:
+    """Return whether the file at `path` has the name of a library that it, or prefcal, imports."""
+    name, imported = path.stem, set[str]()
+    with suppress(SyntaxError, ValueError):  # executing it says what is wrong
+        for node in ast.walk(ast.parse(path.read_bytes())):
+            if isinstance(node, ast.Import):
+                imported |= {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                imported.add((node.module or "").partition(".")[0])
+    return name in imported or (name in _needed() and _elsewhere(name, path))
+
+
+def _needed() -> set[str]:
+    """Return the names of the libraries that prefcal may still have to import."""
+    with suppress(PackageNotFoundError):
+        listed = (re.split(r"[^\w-]", each)[0] for each in requires("prefcal") or ())
+        return {each.lower().replace("-", "_") for each in listed} - sys.modules.keys()
+    return set()
+
+
+def _elsewhere(name: str, path: Path) -> bool:
+    """Return whether an import finds `name` outside of the folder of the file at `path`."""
+    own = os.path.realpath(path.parent)
+    return PathFinder.find_spec(name, [p for p in sys.path if os.path.realpath(p or ".") != own]) is not None
+
+
+def _hidden(words: str, path: Path) -> str:
+    """Return what to rename if an error names a library that a file beside `path` hides; else ""."""
+    for name in dict.fromkeys(re.findall(r"'(\w+)[.']", words)):
+        for beside in (path.parent / f"{name}.py", path.parent / name / "__init__.py"):
+            if beside.is_file() and _elsewhere(name, path):
+                what = beside.name if beside.stem == name else f"the folder {name}"
+                return f": {what} hides the library {name!r}: rename it"
+    return ""
 
 
 @contextmanager
@@ -220,6 +265,7 @@ def _watched(path: Path) -> Iterator[None]:
 def _told(error: BaseException, path: Path) -> str:
     """Return an error in a user's file on one line, with the last line of the user's own code."""
     words = " ".join(str(error).split())
+    words += _hidden(words, path)
     if isinstance(error, SyntaxError):  # the message includes the line
         return words
     if not isinstance(error, (ImportError, PrefcalError)):

@@ -695,6 +695,8 @@ def _answer_all(work: Calibration, ctrl_c: Interruption) -> None:
         for _ in unattended(interview, calibrator, display.running, work.say):
             display.compared()
             ctrl_c.check()
+    if trouble := getattr(interview.scenario.cost, "trouble", None):  # no θ has a cost
+        raise trouble
 
 
 class _Display(Progress):

@@ -4,7 +4,7 @@ import json
 import shlex
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import partial
 from io import BytesIO
 from pathlib import Path
@@ -20,7 +20,7 @@ from typer import echo
 from prefcal_app.report.export import jsonable
 from prefcal_app.terminal.showing import say
 from prefcal_env.errors import ScenarioError
-from prefcal_env.experiments.experiment import Channels, Experiment, returned
+from prefcal_env.experiments.experiment import Channels, End, Experiment, returned
 from prefcal_env.experiments.kpis import every_tracking_kpi
 from prefcal_env.experiments.panels import KINDS, by_maneuver
 from prefcal_env.preferences.answer import Answer, Calibrator
@@ -148,7 +148,10 @@ class Checkup:
         took = time.perf_counter() - start
         experiment = self.experiment = returned(result)
         self.scenario = with_found_kpis(self.scenario, experiment)
-        yield Finding("run", True, f"{took:.2g} s, ended: {experiment.end.value}")
+        bad = experiment.end.interrupted
+        words = f"{took:.2g} s, ended: {experiment.end.value}"
+        more = ": try a θ that keeps the limits (--theta), or change ranges, limits or the start"
+        yield Finding("run", not bad, f"{words}{more if bad else ''}")
         wrong = list(theta_problems(self.scenario.space, self.theta, experiment))
         rounded = not wrong and not np.allclose(experiment.theta, self.theta, rtol=1e-9, atol=0)
         words = f"it ran {experiment.theta.tolist()}: rounded" if rounded else "as requested"
@@ -230,16 +233,22 @@ class Checkup:
         yield Finding("same again", False, f"{words}; take randomness from the seed only")
 
     def _references(self) -> Iterator[Finding]:
+        ends: list[End] = []
         for name, theta in self.scenario.references.items():
             what = f"reference {name!r}"
             if self.scenario.source.asks:
                 yield Finding(what, None, "not run: this is a rig")
             else:
-                yield _tried(what, partial(self._reference, np.array(theta, dtype=float)))
+                found = _tried(what, partial(self._reference, np.array(theta, dtype=float), ends))
+                bad = found.ok and ends[-1].interrupted
+                yield replace(found, ok=None) if bad else found
+        if ends and all(end.interrupted for end in ends):
+            yield Finding("references", False, "each of them is interrupted: none of them works here")
 
-    def _reference(self, theta: Float[np.ndarray, " n"]) -> str:
+    def _reference(self, theta: Float[np.ndarray, " n"], ends: list[End]) -> str:
         result: object = self.scenario.run(theta, seed=0)
-        return f"ended: {check_experiment(self.scenario, theta, result).end.value}"
+        ends.append(check_experiment(self.scenario, theta, result).end)
+        return f"ended: {ends[-1].value}"
 
     def _controller(self) -> Iterator[Finding]:
         if self.scenario.controller is not None:

@@ -1,5 +1,6 @@
 """Turn command-line values into scenarios, agents, calibrators and θ, and open the study."""
 
+import logging
 import re
 import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -7,7 +8,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count
-from math import inf, isfinite
+from math import inf, isfinite, nan
 from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,7 +26,7 @@ from prefcal_app.simulating import twin_of
 from prefcal_app.terminal.showing import say, theta_of
 from prefcal_env.errors import KnobError, PrefcalError, ScenarioError, SettingsError, StudyError
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.knobs import KnobSpace
+from prefcal_env.knobs import KnobSpace, theta_key
 from prefcal_env.optional import BENCHMARK, load_extensions
 from prefcal_env.preferences.answer import Calibrator
 from prefcal_env.study import (
@@ -47,7 +48,7 @@ from prefcal_env.study import (
     study_path,
 )
 from prefcal_env.study.file import left_beside
-from prefcal_env.wording import did_you_mean
+from prefcal_env.wording import did_you_mean, in_words, located
 from prefcal_scenarios import verification
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.names import is_built_in
@@ -78,25 +79,78 @@ def with_cost(scenario: Scenario, source: str | None) -> Scenario:
             cannot be called.
     """
     if source is None:
-        return scenario
+        return scenario if scenario.cost is None else replace(scenario, cost=KnownCost(scenario.cost))
     path, _, name = source.rpartition(":")
     if not (path.endswith(".py") and name):
         names = [kpi.name for kpi in scenario.kpis if kpi.goal is not None]
         if source not in names and not finds_kpis(scenario):
             raise ScenarioError(_no_cost(source, names))
-        return replace(scenario, cost=partial(_kpi_cost, source, scenario))
+        return replace(scenario, cost=KnownCost(partial(_kpi_cost, source, scenario)))
     found = getattr(module_at(Path(path)), name, None)
     if not callable(found):
         got = "nothing of that name" if found is None else repr(found)
         raise ScenarioError(f"cost {source!r} must be a function of an experiment, got {got}")
-    return replace(scenario, cost=partial(_function_cost, source, found))
+    return replace(scenario, cost=KnownCost(partial(_function_cost, source, found)))
+
+
+_SAYS = logging.getLogger("prefcal.cost")
+
+
+class _UnknownCostError(ScenarioError):
+    """An experiment has no cost."""
+
+
+class KnownCost:
+    """A cost that is infinite, and said to be unknown, where a function gives none: θ has failed there.
+
+    Args:
+        cost: Function that returns the cost of an experiment; it may raise, or return what is no number.
+    """
+
+    def __init__(self, cost: Callable[[Experiment], Any]) -> None:
+        self._cost, self._known = cost, False
+        self.unknown: dict[bytes, str] = {}
+        """Why the cost is unknown, by the key of θ."""
+        self._first: Exception | None = None
+
+    @property
+    def trouble(self) -> Exception | None:
+        """What went wrong, if no experiment has had a cost."""
+        return None if self._known else self._first
+
+    def __call__(self, experiment: Experiment) -> float:
+        """Return the cost of an experiment, infinite if it is unknown."""
+        try:
+            return self._number(experiment)
+        except Exception as error:
+            if isinstance(error, PrefcalError) and not isinstance(error, _UnknownCostError):
+                raise
+            words, key = in_words(located(error)), theta_key(experiment.theta)
+            self._first = self._first or error
+            if key not in self.unknown:
+                _SAYS.info("an experiment counts as failed, as its cost is unknown: %s", words)
+            self.unknown[key] = words
+            return inf
+
+    def _number(self, experiment: Experiment) -> float:
+        found = self._cost(experiment)
+        try:
+            value = float(found)
+        except (TypeError, ValueError):
+            value = nan
+        if value != value:
+            raise _UnknownCostError(
+                f"cost must be a number, got {found!r} at θ = {experiment.theta.tolist()}"
+            )
+        self._known = self._known or isfinite(value)
+        return value
 
 
 def _function_cost(source: str, function: Callable[[Experiment], Any], experiment: Experiment) -> float:
-    """Return the cost of `experiment`. Raises ScenarioError if it is not a finite number."""
+    """Return the cost of `experiment`. Raises _UnknownCostError if it is not a finite number."""
     value = function(experiment)
     if isinstance(value, bool) or not isinstance(value, Real) or not isfinite(float(value)):
-        raise ScenarioError(
+        raise _UnknownCostError(
             f"cost {source!r} must give a finite number, got {value!r} at θ = "
             f"{experiment.theta.tolist()}. A KPI can be infinite, such as a settling time: "
             "bound it, for example min(kpis['settling_time'], 1e3)"
@@ -105,10 +159,19 @@ def _function_cost(source: str, function: Callable[[Experiment], Any], experimen
 
 
 def _kpi_cost(name: str, scenario: Scenario, experiment: Experiment) -> float:
-    """Return a KPI of `experiment`; infinite if it was stopped. Raises ScenarioError if it has none."""
+    """Return a KPI of `experiment`; infinite if it was stopped.
+
+    Raises:
+        _UnknownCostError: If the experiment has no such KPI.
+        ScenarioError: If the scenario has none.
+    """
     if not len(experiment.t) or experiment.end.interrupted:
         return inf  # it may have stopped before the KPI could be measured
     found = outcome(scenario, experiment)
+    if name not in found and name in [kpi.name for kpi in scenario.kpis]:
+        got = experiment.kpis.get(name)
+        what = "missing" if got is None else got
+        raise _UnknownCostError(f"the KPI {name!r} is {what} at θ = {experiment.theta.tolist()}")
     if name not in found:
         raise ScenarioError(_no_cost(name, found))
     return found[name]

@@ -471,7 +471,8 @@ def _along(axes: Axes, knob: Knob) -> None:
     """Show the whole range of a knob."""
     axes.set_xlabel(knob_axis(knob))
     if knob.scale == "log10":
-        axes.set_xscale("log")
+        # Of negative values, matplotlib draws logarithms beyond a threshold only.
+        axes.set_xscale("log") if knob.low > 0 else axes.set_xscale("symlog", linthresh=-knob.high)
         axes.xaxis.set_minor_locator(NullLocator())
     else:
         axes.xaxis.set_major_locator(MaxNLocator(5, integer=knob.integer))

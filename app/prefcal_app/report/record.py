@@ -22,6 +22,7 @@ from prefcal_app.view.question import cell, column, judged, row, table, theta_te
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.panels import named
+from prefcal_env.knobs import theta_key
 from prefcal_env.preferences.answer import Comparison, Preference
 from prefcal_env.wording import in_words, located
 from prefcal_scenarios.runs import WORST, grouped
@@ -232,6 +233,8 @@ class StudyRecord:
         """Return this record, without costs if the scenario's fails, and then how it failed."""
         try:
             self.trials, self.reference_costs  # noqa: B018  # both compute all costs
+            if trouble := getattr(self.scenario.cost, "trouble", None):
+                raise trouble
         except Exception as error:  # the user's code can raise anything
             scenario = replace(self.scenario, cost=None)
             return replace(self, scenario=scenario), in_words(located(error))
@@ -241,6 +244,15 @@ class StudyRecord:
     def before(self) -> Trial:
         """Return the first trial, with which the result is compared."""
         return self.trials[0]
+
+    @property
+    def _uncosted(self) -> str:
+        """Return which experiments failed since their cost is unknown, and why; empty for none."""
+        why: dict[bytes, str] = getattr(self.scenario.cost, "unknown", {})
+        failed = {t.number: why.get(theta_key(t.experiment.theta), "") for t in self.trials}
+        numbers = [str(number) for number, words in failed.items() if words]
+        words = next((words for words in failed.values() if words), "")
+        return f"experiments {', '.join(numbers)}: {words}" if numbers else ""
 
     @property
     def origin(self) -> dict[str, str]:
@@ -256,6 +268,7 @@ class StudyRecord:
             "answered by": "" if self.scored else by,
             "when (UTC)": when,
             "fingerprint of the scenario": self.fingerprint,
+            "failed, as their cost is unknown": self._uncosted,
         }
         return {label: text for label, text in found.items() if text}
 

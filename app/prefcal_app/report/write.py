@@ -422,7 +422,7 @@ def sheet_of(record: StudyRecord) -> dict[str, Any]:
     return {
         "of": f"{f' of study {record.study}' if record.study else ''}{f', {when} (UTC)' if when else ''}",
         "knobs": table(
-            "Controller parameters", ["parameter", "range", *heads], knobs[:_MOST_ROWS], kind="sheet"
+            "Controller parameters", ["parameter", *heads, "range"], knobs[:_MOST_ROWS], kind="sheet"
         ),
         "kpis": table("Key performance indicators", columns, rows, kind="sheet"),
         "more_knobs": len(knobs[_MOST_ROWS:]),
@@ -434,8 +434,14 @@ def sheet_of(record: StudyRecord) -> dict[str, Any]:
 
 def _height(rows: Sequence[dict[str, Any]]) -> float:
     """Return the height of rows of a table in mm."""
-    texts = [(row["name"], row["cells"][0]["text"], row["cells"][2]["text"]) for row in rows]
-    more = sum(max(len(text) // most for text, most in zip(row, _LINE, strict=True)) for row in texts)
+    name, other, value = _LINE
+    more = sum(
+        max(
+            len(each["name"]) // name,
+            *(len(c["text"]) // (value if c["kind"] == "best" else other) for c in each["cells"]),
+        )
+        for each in rows
+    )
     return _ROW * len(rows) + _MORE * more
 
 
@@ -463,7 +469,7 @@ def _knobs(record: StudyRecord) -> Iterator[dict[str, Any]]:
     ]
     lines += [(p.name, p.derived, old, new, p.unit) for p, new, old in pid_forms_of(record) if p.derived]
     for name, limits, old, new, unit in lines:
-        yield row(name, [cell(limits), cell(old), cell(new, kind="best"), cell(unit)])
+        yield row(name, [cell(old), cell(new, kind="best"), cell(unit), cell(limits)])
 
 
 def resting(scenario: Scenario) -> U | None:

@@ -177,7 +177,7 @@ def _axes(screened: Screened, scenario: Scenario) -> list[_Axis]:
     about = [kpis.get(name, KPI(name, name.replace("_", " "))) for name in order]
     found = [_of_kpi(kpi, bank.kpis[:, bank.names.index(kpi.name)]) for kpi in about]
     for knob, values in zip(scenario.space, bank.thetas.T, strict=True):
-        found.append(_Axis(knob, values, log=knob.scale == "log10"))
+        found.append(_Axis(knob, values, log=knob.scale == "log10" and knob.low > 0))
     return found
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from itertools import permutations
+from itertools import permutations, product
 from math import floor, log10
 
 import numpy as np
@@ -23,6 +23,8 @@ from prefcal_env.wording import did_you_mean
 # --- Find a steady state of a plant, near the middle of the range of its inputs.
 
 _STEADY = 1e-7  # largest movement in the time constant of the plant, relative to the size of the states
+_UNBALANCED = 1e-6  # share of what the inputs can do that may remain where something integrates
+_INTEGRATING = 1e-9  # rate below which something integrates, relative to the fastest one
 _DOUBLINGS = 60
 _STEPS, _PRECISE = 10, 1e-12
 """Largest number of Newton steps, and the size of the last one, relative to the states."""
@@ -53,11 +55,11 @@ def operating_point(plant: Plant) -> OperatingPoint:
         for guess in guesses:
             x = find(guess)
             if x is not None and _inside(plant, x):
-                return OperatingPoint(x, held.u, held.d)
+                return OperatingPoint(held.centered(x), held.u, held.d)
     for guess in guesses:
         found = _joint(held, guess)
         if found is not None and _inside(plant, found.x):
-            return found
+            return replace(found, x=Held(plant, found.u, found.d).centered(found.x))
     raise ScenarioError(
         f"no steady state of plant {plant.name!r} was found within the limits of its states and "
         "inputs: widen the limits, or give the plant an x0 near one"
@@ -94,14 +96,44 @@ class Held:
         return None
 
     def rest(self, x: X) -> X | None:
-        """Return x if the plant rests there: it hardly moves within its slowest time constant."""
+        """Return x if the plant rests there: it hardly moves within its slowest time constant.
+
+        What integrates has none: its inputs must cancel.
+        """
         f, rates = self._motion(x)[0], self._rates(x)
         if rates is None or not np.isfinite(f).all():
             return None
-        moving = rates[rates > 1e-9 * max(float(rates.max(initial=0.0)), 1e-300)]
+        moving = rates[rates > _INTEGRATING * max(float(rates.max(initial=0.0)), 1e-300)]
         slowest = float(moving.min()) if len(moving) else 1.0
         size = np.abs(x).max(initial=1.0)
-        return x if np.abs(f).max(initial=0.0) <= _STEADY * slowest * size else None
+        small = np.abs(f).max(initial=0.0) <= _STEADY * slowest * size
+        return x if small and (len(moving) == len(rates) or self._balanced(x, f)) else None
+
+    def _balanced(self, x: X, f: X) -> bool:
+        """Return whether all that integrates, the directions w with wᵀ A = 0, stays where it is."""
+        J = local_system(self.plant, x, self.u, self.d)
+        A, B = self._motion(x)[1], J.B / (J.dt or 1.0)
+        left, sizes, _ = np.linalg.svd(A)
+        w = left[:, sizes <= _INTEGRATING * max(float(sizes.max(initial=0.0)), 1e-300)].T
+        spans = np.array([c.high - c.low for c in self.plant.inputs])
+        acting = np.abs(B) @ np.where(np.isfinite(spans), spans, np.maximum(np.abs(self.u), 1.0))
+        rounded = np.abs(A) @ np.abs(x)
+        return bool(np.all(np.abs(w @ f) <= np.abs(w) @ (_UNBALANCED * acting + 1e-12 * rounded)))
+
+    def centered(self, x: X) -> X:
+        """Return a state of rest x, moved along what integrates to the middle of the outputs' limits.
+
+        x stays if the outputs are within them.
+        """
+        y, (low, high) = self.plant.g(x, self.u, self.d), _limits(self.plant.outputs)
+        out = np.isfinite(low) & np.isfinite(high) & ~((low < y) & (y < high))
+        if not out.any():
+            return x
+        _, sizes, right = np.linalg.svd(self._motion(x)[1])
+        V = right[sizes <= _INTEGRATING * max(float(sizes.max(initial=0.0)), 1e-300)].T
+        C = local_system(self.plant, x, self.u, self.d).C
+        moved = x + V @ np.linalg.lstsq(C[out] @ V, ((low + high) / 2 - y)[out], rcond=1e-9)[0]
+        return x if self.rest(moved) is None or not _inside(self.plant, moved) else moved
 
     def root(self, x: X) -> X | None:
         """Return a solution of f(x, u, d) = 0 for x near the given one, or None."""
@@ -153,8 +185,11 @@ def _joint(held: Held, x: X) -> OperatingPoint | None:
             )
     except (ArithmeticError, ValueError):
         return None
-    point = OperatingPoint(found.x[:n], found.x[n:], d)
-    return None if Held(plant, point.u, d).rest(point.x) is None else point
+    u, ends = found.x[n:], np.array([low[n:], high[n:]])
+    near = np.abs(u - ends) <= _UNBALANCED * (ends[1] - ends[0])  # the search stays within the limits
+    at_limits = np.where(near[0], ends[0], np.where(near[1], ends[1], u))
+    points = product((at_limits, u), (start[:n], found.x[:n]))
+    return next((OperatingPoint(x, u, d) for u, x in points if Held(plant, u, d).rest(x) is not None), None)
 
 
 def _size(x: X) -> float:
@@ -304,6 +339,7 @@ class Single:
     output: int  # index of the output
     input: int  # index of the input
     channel: Channel  # channel of the input, with finite limits
+    rest: float  # input at the start
     start: float  # output at the start
     target: float  # reference after the step
     process: ProcessModel  # what limits its control
@@ -321,11 +357,16 @@ class Single:
         """Return the loop with phase and load for a tuning that settles in `time`.
 
         The load moves the output, whose peak after a load of 1 is `peak`, by about a third of the
-        step, within the actuator.
+        step, within the actuator, which can act against it.
         """
         span = 0.15 * (self.channel.high - self.channel.low)
         load = nice(min(span, 0.35 * abs(self.step) / peak) if peak > 0 else span)
-        return replace(self, load=load, phase=_PATIENCE * time)
+        return replace(self, load=-load if self.way > 0 else load, phase=_PATIENCE * time)
+
+    @property
+    def way(self) -> int:
+        """1 or -1 if the input rests at a limit, from which it can only rise or fall; else 0."""
+        return way_of(self.rest, self.channel)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -541,7 +582,8 @@ def _single(
                 f"the reference of {y.name!r}, {target:g} {y.unit}, is where the experiment "
                 "starts: give another one, so that there is a step"
             )
-        target = _target(y, start, _default_step(plant, point, i, j, process, start))
+        way = way_of(float(point.u[j]), u) * float(np.sign(process.gain))
+        target = _target(y, start, _default_step(plant, point, i, j, process, start), way)
     slow = max(process.lags, default=0.0) or process.delay or 10 * T_s
     gain = process.gain
     need = abs((target - start) / gain) / slow**process.integrators if gain else 1.0
@@ -549,13 +591,24 @@ def _single(
     low = u.low if np.isfinite(u.low) else min(rest, u.high) - reach
     high = u.high if np.isfinite(u.high) else max(rest, u.low) + reach
     channel = replace(u, low=float(low), high=float(high))
-    return Single(i, j, channel, start, float(target), process)
+    return Single(i, j, channel, rest, start, float(target), process)
 
 
-def _target(y: Channel, start: float, size: float) -> float:
-    """Return a round reference about `size` away from the start, where there is room for it."""
+def way_of(rest: float, u: Channel) -> int:
+    """Return 1 or -1 if an input rests at a limit, from which it can only rise or fall; else 0."""
+    room = 1e-6 * (u.high - u.low)
+    return int(rest - u.low <= room) - int(u.high - rest <= room) if np.isfinite(room) else 0
+
+
+def _target(y: Channel, start: float, size: float, way: float) -> float:
+    """Return a round reference about `size` away from the start, where there is room for it.
+
+    It is above if `way` is 1, and below if it is -1, if there is room at all.
+    """
     above, below = y.high - start, y.low - start
     sign = 1.0 if size <= 0.8 * above or above >= -below else -1.0
+    if way and (above if way > 0 else -below) > 0:
+        sign, size = way, min(size, 0.8 * (above if way > 0 else -below))
     step = nice(min(size, 0.5 * max(above, -below)))
     rounded = round(start + sign * step, 1 - floor(log10(step)))
     return rounded if abs(rounded - start) > step / 2 else start + sign * step

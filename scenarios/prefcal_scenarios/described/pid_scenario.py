@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.controllers.margins import sampled
+from prefcal_env.controllers.margins import minimal, sampled
 from prefcal_env.controllers.pid import PID, Decentralized, LinearPIDs, Tuning, robust, simc, ziegler_nichols
 from prefcal_env.errors import ScenarioError
 from prefcal_env.knobs import Knob
@@ -46,14 +46,16 @@ def pid_scenario(
     each gets a PID of its own, paired by the relative gain array; the references step one after
     the other.
 
-    The knobs are K_p (without its sign), T_i, T_d and the set-point weight b; with several loops
-    they are called K_p_1, T_i_1 and so on.
+    The knobs are K_p, T_i, T_d and the set-point weight b; with several loops they are called
+    K_p_1, T_i_1 and so on. K_p is that of the controller: negative if a larger input lowers the
+    output. A range of its size gets this sign.
 
     Source: see `prefcal_env.controllers.pid` and `described.design.pairs_of`.
 
     Args:
         plant: Plant, or a linear system that `Plant.of` takes.
-        knobs: Knobs that replace those of the same name. Times may be in another unit than the plant's.
+        knobs: Knobs that replace those of the same name; K_p with the controller's sign, or its size. Times
+            may be in another unit than the plant's.
         reference: Reference after the step by output, in its unit; None for the channels' targets,
             or what a fifth of the input's range achieves. Only these outputs are controlled.
         horizon: Duration of an experiment, in the plant's unit of time; None to find it.
@@ -62,7 +64,7 @@ def pid_scenario(
 
     Raises:
         ScenarioError: If there is no steady state, a name does not exist, a knob has a unit that does
-            not fit the plant's, or no PID stabilizes the plant.
+            not fit the plant's, a range of K_p has the wrong sign, or no PID stabilizes the plant.
         PlantError: If `plant` is neither a plant nor a linear system.
     """
     plant = plant_of(plant, horizon)
@@ -70,12 +72,12 @@ def pid_scenario(
     made = [knob for k in range(len(found.loops)) for knob in _knobs(plant, found, k)]
     loops = [(plant.outputs[loop.output], loop.channel) for loop in found.loops]
     unstated = [f"K_p{found.suffix(k)}" for k, (y, u) in enumerate(loops) if not (y.unit and u.unit)]
-    space, factors = space_of(made, knobs, "PID", unstated)
+    space, factors = space_of(made, [_signed(plant, found, knob) for knob in knobs], "PID", unstated)
     # The rules that apply to every loop.
     named = [n for n in found.loops[0].tunings if all(n in loop.tunings for loop in found.loops)]
     tunings = {name: [loop.tunings[name] for loop in found.loops] for name in named}
     references = {
-        name: theta_of(space, np.ravel([(abs(t.K_p), t.T_i, t.T_d, 1.0) for t in each]) / factors)
+        name: theta_of(space, np.ravel([(t.K_p, t.T_i, t.T_d, 1.0) for t in each]) / factors)
         for name, each in tunings.items()
     }
     return scenario_of_steps(
@@ -135,10 +137,10 @@ class PIDs:
         return float(pids.sensitivity(self.plant, omega)[0])
 
     def _tunings(self, theta: Float[np.ndarray, " n"]) -> list[tuple[Single, Tuning, float]]:
-        """Return each loop with its tuning, which has the sign of the robust one, and with b."""
+        """Return each loop with its tuning and with b; of K_p only the size counts, see `_sign`."""
         rows = np.reshape(np.asarray(theta, dtype=float) * self.factors, (-1, 4)).tolist()
         return [
-            (loop, Tuning(float(np.sign(loop.tunings["robust"].K_p)) * K_p, T_i, T_d), b)
+            (loop, Tuning(_sign(loop) * abs(K_p), T_i, T_d), b)
             for loop, (K_p, T_i, T_d, b) in zip(self.design.loops, rows, strict=True)
         ]
 
@@ -164,7 +166,7 @@ def _tune(plant: Plant, found: Design, loop: Single) -> Single:
         raise ScenarioError(
             f"no PID from {channel.name!r} to {plant.outputs[i].name!r} was found that stabilizes "
             f"plant {plant.name!r} at its steady state {state}: choose another output by its "
-            "reference, or another kind of controller"
+            f"reference, or another kind of controller{_hidden(found.J.part([i], [j]))}"
         )
     pid = LinearPIDs.of([best[0]], N)
     M, rows = pid.loops(model)[0], np.zeros((2, len(model.A) + 2))
@@ -174,6 +176,21 @@ def _tune(plant: Plant, found: Design, loop: Single) -> Single:
     except FloatingPointError:
         time, peak = 200 * T_s, 0.0
     return replace(loop, tunings=_tunings(loop, model, omega, best[0])).settling(time, peak)
+
+
+def _hidden(J: LinearSystem) -> str:
+    """Return what to say of poles that do not decay and that the loop cannot reach; "" without any."""
+    lasting, reached = (
+        [rate for rate in M.rates.tolist() if rate.real >= -1e-9 * max(1.0, abs(rate))]
+        for M in (J, minimal(J))
+    )
+    if len(lasting) <= len(reached):
+        return ""
+    at = ", ".join(f"{rate:.3g}".replace("+0j", "") for rate in lasting)
+    return (
+        f". Of the poles at s = {at} that do not decay, a zero cancels {len(lasting) - len(reached)}: the "
+        "input does not move that state, or the output does not show it. Leave it out of the model"
+    )
 
 
 def _tunings(
@@ -206,9 +223,11 @@ def _knobs(plant: Plant, found: Design, k: int) -> list[Knob]:
     y, u, center = plant.outputs[loop.output], loop.channel, loop.tunings["robust"]
     where = f"Loop {end[1:]}, {y.name} by {u.name}. " if end else ""
     about = {name: where + text for name, text in _ABOUT.items()}
+    if _sign(loop) < 0:
+        about["K_p"] += f" Negative, or the feedback from {y.name} to {u.name} would be positive."
     below = f"({y.unit})" if set(y.unit) & set("/ *·") else y.unit
     unit = f"{u.unit or '1'}/{below}" if y.unit else u.unit
-    gain = _around([abs(t.K_p) for t in loop.tunings.values()])
+    gain = _around([t.K_p for t in loop.tunings.values()])
     times = _around([t.T_i for t in loop.tunings.values()])
     return [
         Knob(f"K_p{end}", *gain, unit, scale="log10", about=about["K_p"]),
@@ -218,8 +237,33 @@ def _knobs(plant: Plant, found: Design, k: int) -> list[Knob]:
     ]
 
 
+def _sign(loop: Single) -> float:
+    """Return the sign of K_p: that of the robust tuning, which alone stabilizes the loop."""
+    return float(np.sign(loop.tunings["robust"].K_p))
+
+
+def _signed(plant: Plant, found: Design, knob: Knob) -> Knob:
+    """Return a knob that someone gave; a range of K_p gets the sign of the controller.
+
+    Raises:
+        ScenarioError: If K_p would have the other sign, or both.
+    """
+    loops = {f"K_p{found.suffix(k)}": loop for k, loop in enumerate(found.loops)}
+    loop = loops.get(knob.name)
+    if loop is None or (knob.high <= 0 if _sign(loop) < 0 else knob.low >= 0):
+        return knob
+    if _sign(loop) < 0 <= knob.low:
+        return replace(knob, low=-knob.high, high=-knob.low)
+    y, u, got = plant.outputs[loop.output].name, loop.channel.name, f"{knob.low:g} to {knob.high:g}"
+    raise ScenarioError(
+        f"knob {knob.name!r}: K_p must be {'negative' if _sign(loop) < 0 else 'positive'} throughout, or the "
+        f"feedback from {y!r} to {u!r} would be positive; got {got} {knob.unit}".rstrip()
+    )
+
+
 def _around(values: Sequence[float]) -> tuple[float, float]:
     """Return a range around the first value, equally wide on both sides, that holds the others."""
     middle = values[0]
     reach = max([_REACH, *(1.2 * max(v / middle, middle / v) for v in values)])
-    return float(f"{middle / reach:.2g}"), float(f"{middle * reach:.2g}")
+    low, high = sorted((float(f"{middle / reach:.2g}"), float(f"{middle * reach:.2g}")))
+    return low, high

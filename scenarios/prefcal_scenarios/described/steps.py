@@ -309,7 +309,7 @@ def _panels(plant: Plant, found: Design) -> tuple[Panel, ...]:
 
 def _brief(plant: Plant, design: Design) -> str:
     """Return the brief: steps, loads, what was assumed, and what to judge by."""
-    time, phase, said = plant.time_unit, design.phase, []
+    time, phase, said = plant.time_unit, design.phase, list[str]()
     for k, loop in enumerate(design.loops):
         y, when = plant.outputs[loop.output], f"at {k * phase:.4g} {time}" if k else "at the start"
         target = f"{loop.target:.4g} {y.unit}".rstrip()
@@ -323,6 +323,13 @@ def _brief(plant: Plant, design: Design) -> str:
         if (own.low, own.high) != (c.low, c.high):
             limits = f"{c.low:g} to {c.high:g} {c.unit}".rstrip()
             said.append(f"The plant does not limit {c.name}; {limits} is assumed.")
+        if loop.way:
+            said.append(
+                f"The plant rests only with {c.name} at its limit of {loop.rest:g} {c.unit}".rstrip()
+                + f", from where it can only {'rise' if loop.way > 0 else 'fall'}: if its values are "
+                "deviations, give it limits on both sides of 0."
+            )
+    said += getattr(getattr(plant, "system", None), "cleaned", ())
     said.append(
         "Good control reaches the reference soon, without overshoot or oscillation, rejects the "
         "load, and spares the actuator. What counts more is up to you."

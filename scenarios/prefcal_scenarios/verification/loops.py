@@ -14,7 +14,7 @@ from prefcal_env.controllers.margins import Margins, margins
 from prefcal_env.envs.closed_loop import ClosedLoop, ControllerFactory
 from prefcal_env.envs.cstr import cstr_env
 from prefcal_env.envs.overtake import OvertakeOptions
-from prefcal_env.envs.plant_env import PlantEnv, dead_times, tracked_of
+from prefcal_env.envs.plant_env import PlantEnv, tracked_of
 from prefcal_env.envs.task import Signal, StepSignal, Task
 from prefcal_env.errors import PlantError, ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import Channel, Controller, Experiment, Measurement, Move
@@ -31,6 +31,7 @@ from prefcal_scenarios.described.steps import Measure
 
 from .plants import (
     CHANGE,
+    DELAY,
     LEAST,
     NOT_NEGATIVE,
     SIZE,
@@ -39,9 +40,11 @@ from .plants import (
     Values,
     at_rest,
     factors_of,
+    latest,
     of_maneuvers,
     rest,
     varied_plant,
+    waits_inside,
     within,
 )
 
@@ -98,20 +101,21 @@ class VariedLoop:
 
     def subject(self, *said: str) -> Subject:
         """Return what varies; `said` is what does not, beside what follows from plant and task."""
-        late = bool(dead_times(self.plant).any())
+        late, waits = latest(self.plant, self.task.measurement_delay) > 0, waits_inside(self.plant)
         missing = {
-            "the plant has no dead time, and none is added: see the delay margin": late,
+            "the plant has no dead time, and none is added: see the delay margin": late or waits,
+            "dead time in the states of the plant (poles at 0) is not varied: state it as a delay": not waits,
             "no rate of an actuator is stated, so none is varied": self.task.max_move is not None,
             "the task has no steps of a load, so none is varied": self._loaded,
             "sampling jitter is not varied: a period has one length": self.jitters,
         }
         left_out = (*said, *(text for text, there in missing.items() if not there))
-        factors = (*factors_of(self.plant), *self._others())
+        factors = (*factors_of(self.plant, self.task.measurement_delay), *self._others())
         return Subject(factors, left_out, self.at, self.margins)
 
     def at(self, values: Values) -> Function:
         """Return the run of the loop with these values."""
-        plant = varied_plant(self.plant, values)
+        plant = varied_plant(self.plant, values, self._later(values))
         spans = np.array([c.high - c.low for c in plant.inputs])
         play = values.get(PLAY, 0.0) * np.where(np.isfinite(spans), spans, 0.0)
         grain = values.get(GRAIN, 0.0) * self._step
@@ -145,6 +149,11 @@ class VariedLoop:
             Factor(DIRECTION, "task", 1.0, -1.0, 1.0, ends=True),
         )
         yield from (factor for factor in steps if factor.name in self.moves)
+
+    def _later(self, values: Values) -> float:
+        """Return the factor of all dead times."""
+        late = values.get(DELAY)
+        return 1.0 if late is None else late / latest(self.plant, self.task.measurement_delay)
 
     @property
     def _noisy(self) -> bool:
@@ -182,6 +191,8 @@ class VariedLoop:
             size = values.get(REFERENCE, 1.0) * values.get(DIRECTION, 1.0)
             y_ref = _scaled(y_ref, self.start, size, plant.g(x0, u0, task.disturbance(0.0)) - self.start)
         moves = None if task.max_move is None else task.max_move * values.get(MOVE, 1.0)
+        if (later := self._later(values)) != 1.0:
+            task = replace(task, measurement_delay=(later * np.asarray(task.measurement_delay)).tolist())
         if self._noisy or noise.any():
             task = replace(task, noise=noise)
         jitter = max(task.jitter, values.get(JITTER, 0.0))

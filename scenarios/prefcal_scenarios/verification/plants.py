@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import partial
+from math import ceil, copysign
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -11,12 +12,12 @@ from jaxtyping import Float
 from prefcal_env.arrays import is_number
 from prefcal_env.controllers.margins import MarginKPIs, Margins
 from prefcal_env.envs.closed_loop import ClosedLoop
-from prefcal_env.envs.plant_env import delays_of
+from prefcal_env.envs.plant_env import dead_times
 from prefcal_env.errors import PlantError, SettingsError
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.plants.jacobians import D, Jacobians, States, Times, U, X, Y
 from prefcal_env.plants.plant import Disturbed, Plant
-from prefcal_env.plants.systems import LinearPlant
+from prefcal_env.plants.systems import DEAD_TIMES, LinearPlant, scaled_times
 from prefcal_env.sources.source import Maneuvers, Source, WithKPIs, function_of
 from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.cases.loops.plants import CompiledPlant, Linear
@@ -56,6 +57,7 @@ class Factor:
         unit: Unit, or what it is a share of; "" also for a factor by which something is multiplied.
         ends: Whether it only has its lowest and its highest value, as a direction does.
         possible: Smallest and largest value that there can be.
+        step: Distance of its values; 0 for any.
     """
 
     name: str
@@ -66,6 +68,7 @@ class Factor:
     unit: str = ""
     ends: bool = False
     possible: tuple[float, float] = ANY
+    step: float = 0.0
 
     @classmethod
     def around(
@@ -86,7 +89,16 @@ class Factor:
         """Return the value at a share of the way from the lowest to the highest, 0 to 1."""
         if self.ends:
             return self.low if share < 0.5 else self.high
+        if self.step:
+            count = round((self.high - self.low) / self.step) + 1
+            return self.low + self.step * min(int(share * count), count - 1)
         return self.low + share * (self.high - self.low)
+
+    def stepped(self, step: float) -> "Factor":
+        """Return the factor whose values are `step` apart: each of its ends moves away by less than that."""
+        sides = (end - self.nominal for end in (self.low, self.high))
+        low, high = (copysign(step * ceil(abs(side) / step - 1e-9), side) for side in sides)
+        return replace(self, low=self.nominal + low, high=self.nominal + high, step=step)
 
 
 def within(factors: Iterable[Factor], ranges: Ranges) -> tuple[Factor, ...]:
@@ -139,7 +151,8 @@ def _with_ranges(factor: Factor, ranges: Ranges) -> Factor:
             f"{factor.name!r} would be {low:.4g} to {high:.4g} {factor.unit}".rstrip()
             + f", but only {least:.4g} to {most:.4g} is possible: got a change of {change}"
         )
-    return replace(factor, low=low, high=high)
+    changed = replace(factor, low=low, high=high)
+    return changed.stepped(factor.step) if factor.step else changed
 
 
 def drawn(factors: Sequence[Factor], seed: int, k: int) -> dict[str, float]:
@@ -202,15 +215,31 @@ CHANGE, SIZE, NARROWER = USUAL["parameter"], USUAL["dead time"], USUAL["actuator
 LEAST = 0.01
 """Smallest share of its nominal value that what cannot be 0 can have."""
 SPEED, DELAY = "all time constants", "dead time"
+_AT_ZERO = 1e-3  # magnitude below which a discrete pole is one at 0
 _NOT_PARAMETERS = ("max_step", "dead_time")
 
 
-def factors_of(plant: Plant) -> Iterator[Factor]:
+def latest(plant: Plant, measuring: float | Sequence[float] = 0.0) -> float:
+    """Return the longest dead time from an input to a measured output, whose sensors add `measuring`."""
+    return float((dead_times(plant) + np.reshape(measuring, (-1, 1))).max())
+
+
+def waits_inside(plant: Plant) -> bool:
+    """Return whether states of a discrete plant only hand on what came before: poles at 0."""
+    own = plant.plant if isinstance(plant, Disturbed) else plant
+    if not (isinstance(own, LinearPlant) and own.sample_time):
+        return False
+    return bool((np.abs(np.linalg.eigvals(own.system.A)) < _AT_ZERO).any())
+
+
+def factors_of(plant: Plant, measuring: float | Sequence[float] = 0.0) -> Iterator[Factor]:
     """Yield what varies of a plant: parameters, dead time, and the ranges of its inputs.
 
     Parameters are the numbers of one that is a dataclass, as `CSTR`. Of matrices they are the time
     constant of each state and the gain of each input, of other equations all time constants together.
     So are those of states without names: a row of a transfer function's matrices is no parameter.
+    Dead time of inputs, outputs, entries and sensors (`measuring`) varies together, by the same share:
+    the factor is the longest one from an input to an output.
     """
     own = plant.plant if isinstance(plant, Disturbed) else plant
     matrices, numbers = _matrices(own), dict(_numbers(own))
@@ -225,8 +254,10 @@ def factors_of(plant: Plant) -> Iterator[Factor]:
         yield _parameter(SPEED)
     if matrices is not None or not numbers:
         yield from (_parameter(_gain(c)) for c in own.inputs)
-    if late := max(delays_of(own)[0]):
-        yield Factor.around(DELAY, "dead time", SIZE, late, own.time_unit, NOT_NEGATIVE)
+    if late := latest(own, measuring):
+        found = Factor.around(DELAY, "dead time", SIZE, late, own.time_unit, NOT_NEGATIVE)
+        step = getattr(own, "sample_time", 0.0)  # between its samples, a discrete plant sees nothing
+        yield found.stepped(step) if step else found
     for c in plant.inputs:
         if np.isfinite(c.high - c.low):
             yield Factor(_range(c), "actuator", 1.0, 1 - NARROWER, 1.0, possible=(LEAST, 1.0))
@@ -237,21 +268,20 @@ def _parameter(name: str, value: float = 1.0) -> Factor:
     return Factor.around(name, "parameter", CHANGE, value, possible=(LEAST * value, np.inf))
 
 
-def varied_plant(plant: Plant, values: Values) -> Plant:
-    """Return a plant with other parameters, dead time and ranges of its inputs."""
+def varied_plant(plant: Plant, values: Values, later: float = 1.0) -> Plant:
+    """Return a plant with other parameters and ranges of its inputs, and `later` times its dead time."""
     inputs = tuple(_narrowed(c, values.get(_range(c), 1.0)) for c in plant.inputs)
     if isinstance(plant, Disturbed):
-        return plant.around(_changed(plant.plant, values), inputs)
-    made = _changed(plant, values)
+        return plant.around(_changed(plant.plant, values, later), inputs)
+    made = _changed(plant, values, later)
     return replace(made, inputs=inputs) if isinstance(made, CompiledPlant) else Disturbed(made, inputs=inputs)
 
 
-def _changed(plant: Plant, values: Values) -> Plant:
+def _changed(plant: Plant, values: Values, later: float) -> Plant:
     """Return a plant with other parameters, time constants, gains and dead time."""
     gains = np.array([values.get(_gain(c), 1.0) for c in plant.inputs])
     rates = np.array([1 / values.get(_constant(c), 1.0) for c in plant.states])
-    speed, delays = 1 / values.get(SPEED, 1.0), delays_of(plant)[0]
-    later = values[DELAY] / max(delays) if DELAY in values else 1.0
+    speed = 1 / values.get(SPEED, 1.0)
     if isinstance(plant, CompiledPlant):
         if isinstance(plant.parameters, Linear):
             A, B, E = (np.array(M, dtype=float) * rates[:, None] for M in plant.parameters)
@@ -265,7 +295,7 @@ def _changed(plant: Plant, values: Values) -> Plant:
         plant = _with_numbers(plant, values)
     if (gains == 1).all() and speed == later == 1:
         return plant
-    return Scaled(plant, speed, gains, tuple(later * each for each in delays))
+    return Scaled(plant, speed, gains, later)
 
 
 @dataclass(frozen=True, eq=False)
@@ -275,12 +305,13 @@ class Scaled:
     plant: Plant
     speed: float  # factor of all rates
     gains: Float[np.ndarray, " n_u"]  # factor of each input, shape (n_u,)
-    input_delay: tuple[float, ...]  # dead time of each input
+    later: float  # factor of all dead times
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("__") or name == "plant":
+        if name.startswith("__") or name in ("plant", "later"):
             raise AttributeError(name)
-        return getattr(self.plant, name)
+        found = getattr(self.plant, name)
+        return scaled_times(found, self.later) if name in DEAD_TIMES else found
 
     def f(self, x: X, u: U, d: D) -> X:
         """Return the state derivative."""
@@ -289,6 +320,11 @@ class Scaled:
     def g(self, x: X, u: U, d: D) -> Y:
         """Return the outputs."""
         return self.plant.g(x, self.gains * u, d)
+
+    def entries(self, x: X, u: U, d: D) -> Float[np.ndarray, "n_y n"]:
+        """Return what each input adds to the outputs, if the plant can tell."""
+        found: np.ndarray = self.plant.entries(x, self.gains * u, d)  # type: ignore[attr-defined]
+        return found
 
     def jacobians(self, x: X, u: U, d: D) -> Jacobians:
         """Return the derivatives."""

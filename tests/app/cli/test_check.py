@@ -120,6 +120,23 @@ def test_what_is_wrong_is_named_with_its_place_and_fails_the_command(check, text
     assert words in said
 
 
+@pytest.mark.parametrize("end", ["UNSAFE", "FAILED"])
+def test_a_check_whose_own_run_or_every_reference_is_interrupted_is_not_in_order(check, end):
+    stop = f"return replace(e, end=End.{end}) if {{}} else e"
+    text = f"from prefcal_env import End\ndef run(theta, seed=0):\n    e = t.run(theta)\n    {stop}\n"
+    two = "{'paper': np.array([0.31, 9, 2.0]), 'other': np.array([1.0, 9, 2.0])}"
+    own = f"own = replace(t.toy, run=run, references={two})"
+    code, result = check(text.format("theta[1] == 22") + own)
+    assert (code, result["ok"]) == (1, False)
+    assert found(result, "run")[0] is False
+    assert f"ended: {end.lower()}" in found(result, "run")[1]
+    code, result = check(text.format("theta[1] == 9") + own)
+    assert (code, found(result, "run")[0]) == (1, True)
+    assert found(result, "references") == (False, "each of them is interrupted: none of them works here")
+    code, result = check(text.format("theta[0] == 0.31") + own)
+    assert (code, found(result, "reference 'paper'")) == (0, (None, f"ended: {end.lower()}"))
+
+
 def test_a_middle_that_a_constraint_forbids_gives_way_to_an_allowed_theta(check):
     space = "KnobSpace(t.SPACE.knobs, [Constraint('late', lambda k: k['T_s'] - {})])"
     code, result = check(f"own = replace(t.toy, space={space.format(0.5)}, references={{}})")

@@ -94,6 +94,41 @@ def test_a_cost_that_fails_is_one_line_and_the_report_leaves_it_out(prefcal, own
     assert "prefcal: the report has no costs: " in err
 
 
+SOME = {
+    "lambda e: np.nan if e.theta[1] > 20 else 1.0": "cost must be a number, got nan",
+    "lambda e: e.kpis['no'] if e.theta[1] > 20 else 1.0": "KeyError: 'no'",
+    "lambda e: None if e.theta[1] > 20 else 1.0": "cost must be a number, got None",
+}
+
+
+@pytest.mark.parametrize("cost", SOME)
+@pytest.mark.parametrize("agent", ["random", "glis"])
+def test_a_theta_whose_cost_is_unknown_has_failed_and_the_study_goes_on(prefcal, own, tmp_path, cost, agent):
+    text = f"own = replace(t.toy, calibrators={{}}, cost={cost})"
+    words = ["--agent", agent, *([] if agent == "glis" else ["--calibrator", "synthetic"])]
+    code, _, err = prefcal("calibrate", own(text), *words, "--n-max", "6", "--out", "res")
+    assert code == 0, err
+    assert f"counts as failed, as its cost is unknown: {SOME[cost]}" in err
+    best = json.loads((tmp_path / "res" / "best.json").read_text())
+    assert (best["cost"], best["theta"]["N_p"] <= 20) == (1.0, True)
+    assert SOME[cost] in best["origin"]["failed, as their cost is unknown"]
+    report = (tmp_path / "res" / "report.html").read_text(encoding="utf-8")
+    assert "failed, as their cost is unknown" in report
+
+
+@pytest.mark.usefixtures("own_process")
+def test_a_run_whose_kpi_raises_at_some_theta_has_failed_and_the_study_goes_on(prefcal, own, tmp_path):
+    text = """
+def run(theta, seed=0):
+    made = t.run(theta, seed)
+    return made.with_kpis({**made.kpis, 'ratio': 1 / 0 if theta[1] > 20 else 2.0})
+own = replace(t.toy, run=run, references={}, kpis=(*t.toy.kpis, t.KPI('ratio', 'ratio', better='lower')))
+"""
+    code, _, err = prefcal("calibrate", own(text), *SYNTHETIC, "--agent", "random", "--n-max", "6")
+    assert code == 0, err
+    assert "failed: ZeroDivisionError" in err
+
+
 @pytest.mark.usefixtures("own_process")
 def test_ctrl_c_that_compiled_code_turned_into_another_error_is_still_ctrl_c(prefcal, own):
     text = """

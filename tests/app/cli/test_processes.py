@@ -1,7 +1,12 @@
 """What only a process of its own can show: Ctrl-C, errors of a rig, and a fast start."""
 
 import json
+import os
 import signal
+import subprocess
+import sys
+
+import pytest
 
 from support.new_process import loaded_by
 from support.processes import finished, start, wait_until
@@ -88,3 +93,47 @@ def test_a_rig_that_breaks_down_leaves_a_report_and_its_own_error(tmp_path):
 def test_help_loads_neither_plots_nor_compilers_nor_agents():
     heavy = ("matplotlib", "numba", "numpy", "prefcal_agents.glisp", "prefcal_env")
     assert loaded_by("prefcal_app.cli", *heavy) == []
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "ascii"])
+@pytest.mark.parametrize("words", [["--help"], ["check", "own.py:toy"], ["check", "own.py:toy", "--json"]])
+def test_what_an_encoding_lacks_is_replaced_and_ends_no_command(tmp_path, encoding, words):
+    (tmp_path / "own.py").write_text(
+        "from dataclasses import replace\n"
+        "from prefcal_scenarios import load\n"
+        f"toy = load({str(TOY_FILE)!r} + ':toy')\n"
+        "run = toy.run\n"
+        "def said(theta, seed=0):\n"
+        "    print('θ ✓')\n"
+        "    return run(theta)\n"
+        "print('θ ✓')\n"
+        "toy = replace(toy, run=said, title='Ein Füllstand θ ✓')\n",
+        encoding="utf-8",
+    )
+    found = subprocess.run(
+        [sys.executable, "-m", "prefcal_app", *words],
+        cwd=tmp_path,
+        capture_output=True,
+        env=os.environ | {"PYTHONIOENCODING": encoding, "PYTHONUTF8": "0"},
+        timeout=120,
+    )
+    assert found.returncode == 0, found.stderr
+    assert b"UnicodeEncodeError" not in found.stderr
+    if "--json" in words:
+        checks = json.loads(found.stdout[found.stdout.index(b"{") :])["checks"]
+        assert {"what": "θ of the experiment", "ok": True, "words": "as requested"} in checks
+
+
+def test_a_file_called_as_a_library_in_the_folder_of_the_shell_hides_it_from_no_worker(tmp_path):
+    (tmp_path / "json.py").write_text("x = 1\n")
+    (tmp_path / "own.py").write_text(
+        f"from prefcal_scenarios import load\ntoy = load({str(TOY_FILE)!r} + ':toy')"
+    )
+    found = subprocess.run(
+        [sys.executable, "-P", "-m", "prefcal_app", "check", "own.py:toy"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert (found.returncode, "json" in found.stderr) == (0, False), found.stdout + found.stderr

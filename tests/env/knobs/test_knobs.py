@@ -37,6 +37,8 @@ cube = st.lists(st.floats(0, 1), min_size=3, max_size=3).map(np.array)
         ({"low": 2.0**60, "high": 2.0**60 + 2**10, "integer": True}, "too close"),
         ({"low": 1.0, "high": 1 + 8 * math.ulp(1.0), "scale": "log10"}, "too close"),
         ({"low": 0.0, "high": 1.0, "scale": "log10"}, "log10 scale needs low above 0"),
+        ({"low": -1.0, "high": 0.0, "scale": "log10"}, "log10 scale needs .* or high below 0"),
+        ({"low": -1.0, "high": 1.0, "scale": "log10"}, "log10 scale needs .* or high below 0"),
         ({"low": 0.0, "high": 1.0, "scale": "log"}, "scale must be one of"),
         ({"low": 0.5, "high": 3.0, "integer": True}, "integer bounds"),
         ({"low": 0, "high": 3, "integer": "yes"}, "integer must be True or False, got 'yes'"),
@@ -89,6 +91,22 @@ def test_corners_decode_to_the_bounds_exactly():
 
 def test_a_log_knob_is_even_in_decades():
     assert SPACE.decode(np.array([0, 0, 0.5]))[2] == pytest.approx(1.0)
+
+
+def test_a_log_knob_of_negative_values_mirrors_the_positive_one():
+    below, above = (Knob("K", *ends, scale="log10") for ends in ((-50, -0.5), (0.5, 50)))
+    z = np.linspace(0, 1, 41)
+    values = np.array([below.decode(each) for each in z])
+    np.testing.assert_allclose(values, [-above.decode(1 - each) for each in z], rtol=1e-12)
+    np.testing.assert_allclose(below.decode_all(z), values, rtol=1e-12)
+    np.testing.assert_allclose(below.encode_all(values), z, atol=1e-12)
+    np.testing.assert_allclose([below.encode(value) for value in values], z, atol=1e-12)
+    assert below.resolution == above.resolution
+    choices = below.choices(-50, -0.5)
+    assert np.all(np.diff(choices) > 0)
+    assert len(choices) > 100
+    assert [below.round(value) for value in choices] == list(choices)
+    np.testing.assert_allclose(below.round_all(choices), choices, rtol=0.01)
 
 
 def test_integers_round_half_up():

@@ -87,6 +87,40 @@ def test_a_direct_and_a_reversed_plant_are_controlled_in_their_directions():
         assert np.sign(pid_scenario(PLANTS[name]).controller(theta).parameters["K_p"]) == sign
 
 
+@pytest.mark.parametrize("scale", ["linear", "log10"])
+@pytest.mark.parametrize("ends", [(0.5, 5.0), (-5.0, -0.5)])
+def test_k_p_is_that_of_the_controller_whichever_sign_its_range_has(ends, scale):
+    given = Knob("K_p", *ends, "1", scale=scale)
+    scenario = pid_scenario(PLANTS["negative gain"], knobs=[given])
+    knob = next(iter(scenario.space))
+    assert (knob.low, knob.high) == (-5.0, -0.5)
+    for z in (0.0, 0.3, 1.0):
+        theta = scenario.space.decode(np.full(4, z))
+        pid = scenario.controller(theta).parameters
+        assert pid["K_p"] == theta[0] < 0
+        # The loop of a lag with gain -2 and K_p < 0 is that of gain 2 and -K_p.
+        mirrored = pid_scenario(Plant.of(([2.0], [10, 1]), delay=1.0))
+        turned = mirrored.run(theta * [-1, 1, 1, 1])
+        assert scenario.run(theta).kpis["M_s"] == pytest.approx(turned.kpis["M_s"])
+
+
+def test_names_of_tunings_have_the_sign_of_the_controller():
+    scenario = pid_scenario(PLANTS["negative gain"])
+    assert {"robust", "SIMC"} <= scenario.references.keys()
+    for theta in scenario.references.values():
+        assert scenario.controller(theta).parameters["K_p"] == theta[0] < 0
+    assert "Negative" in next(iter(scenario.space)).about
+
+
+@pytest.mark.parametrize(
+    ("name", "ends"),
+    [("negative gain", (-1.0, 5.0)), ("lag with dead time", (-5.0, -0.5)), ("lag with dead time", (-1, 5))],
+)
+def test_a_range_of_k_p_with_the_wrong_sign_is_refused(name, ends):
+    with pytest.raises(ScenarioError, match=r"'K_p': K_p must be (nega|posi)tive .* got -\d to -?[\d.]+ 1"):
+        pid_scenario(PLANTS[name], knobs=[Knob("K_p", *ends, "1")])
+
+
 def test_a_tank_starts_at_rest_inside_its_limits():
     tank = FunctionPlant(
         lambda x, u, d: [0.02 * u[0] - 0.1 * np.sqrt(np.maximum(x[0], 0))],
@@ -96,6 +130,50 @@ def test_a_tank_starts_at_rest_inside_its_limits():
     e = pid_scenario(tank, reference={"level": 5.0}).run(np.array([10.0, 10.0, 0.1, 1.0]))
     assert 0 < e.x[0, 0] < 10
     assert e.y_ref[0, 0] == 5.0
+
+
+INTEGRATORS = {
+    "level": Plant.of(([0.05], [1, 0]), delay=2.0, inputs=[VALVE], outputs=[Channel("level", "%", 0, 100)]),
+    "falling": Plant.of(([-0.05], [1, 0]), inputs=[VALVE], outputs=[Channel("level", "%", 0, 100)]),
+    "drum": Plant.of(
+        ([0.9], [3, 1, 0]), delay=0.5, inputs=[VALVE], outputs=[Channel("level", "cm", -50, 50)]
+    ),
+    "slow": Plant.of(([1e-9], [1, 0]), inputs=[VALVE], outputs=[Channel("level", "m", 0, 2)]),
+    "sampled": Plant.of(
+        signal.dlti([0.05], [1, -1], dt=1.0), inputs=[VALVE], outputs=[Channel("y", "", 0, 9)]
+    ),
+}
+
+
+@pytest.mark.parametrize("name", INTEGRATORS)
+def test_an_integrator_starts_where_it_rests_within_the_limits_of_its_output(name):
+    plant = INTEGRATORS[name]
+    scenario = pid_scenario(plant)
+    task = scenario.run.env.task
+    # It rests only with the valve closed, x' = K u.
+    assert task.u0 == pytest.approx([0.0], abs=1e-9)
+    y, level = plant.g(task.x0, task.u0, np.zeros(0)).item(), plant.outputs[0]
+    later = plant.hold(task.x0, task.u0, np.zeros(0), np.array([100.0]))[-1]
+    assert plant.g(later, task.u0, np.zeros(0)).item() == pytest.approx(
+        y, abs=1e-6 * (level.high - level.low)
+    )
+    assert y == pytest.approx((level.low + level.high) / 2)
+    # From there, the valve can only open: the step and the load are those that it can follow.
+    aim = float(task.reference(0.0)[0])
+    assert (aim < y) == (name == "falling")
+    assert task.disturbance(task.horizon).item() < 0
+    assert scenario.run(scenario.references["robust"]).end is End.TIME_UP
+    assert "only with" in scenario.brief
+
+
+def test_an_integrator_with_a_rest_inside_the_range_of_its_input_starts_there():
+    tank = FunctionPlant(
+        lambda x, u, d: [0.02 * (u[0] - 40)], states=[Channel("level", "%", 0, 100)], inputs=[VALVE]
+    )
+    scenario = pid_scenario(tank)
+    assert scenario.run.env.task.u0 == pytest.approx([40.0])
+    assert scenario.run.env.task.x0 == pytest.approx([50.0])
+    assert "only with" not in scenario.brief
 
 
 def test_two_outputs_get_two_paired_loops():
@@ -385,3 +463,20 @@ def test_a_knob_in_a_unit_of_something_else_is_refused(knob, words):
 def test_a_knob_without_a_unit_has_that_of_the_plant():
     knobs = [Knob("T_i", 1, 100), Knob("K_p", 0.5, 5, "%/K", scale="log10")]
     assert [k.unit for k in pid_scenario(in_minutes(), knobs=knobs).space][:2] == ["%/K", "min"]
+
+
+@pytest.mark.parametrize("factor", [[1, 0], [1, 0, 0], [1, 0, 4]])
+def test_a_common_factor_changes_no_range_and_is_said(factor):
+    num, den = [3.0, 1.5], [9.0, 6.0, 4.0, 1.5]
+    right = pid_scenario(Plant.of((num, den)))
+    made = pid_scenario(Plant.of((np.polymul(num, factor), np.polymul(den, factor))))
+    for knob, same in zip(made.space, right.space, strict=True):
+        assert (knob.low, knob.high) == pytest.approx((same.low, same.high), rel=0.05)
+    assert "common factor" in made.brief
+    assert "common factor" not in right.brief
+
+
+def test_what_hides_in_matrices_stays_and_is_named_where_no_controller_is_found():
+    A, B, C, D = signal.tf2ss([3, 1.5, 0], [9, 6, 4, 1.5, 0])
+    with pytest.raises(ScenarioError, match=r"poles at s = .* a zero cancels 1"):
+        pid_scenario(Plant.of((A, B, C, D)))

@@ -4,13 +4,25 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import signal
 
-from prefcal_env import FunctionPlant, Knob, KnobSpace, Maneuvers, recorded
+from prefcal_env import (
+    PID,
+    ClosedLoop,
+    FunctionPlant,
+    Knob,
+    KnobSpace,
+    Maneuvers,
+    PlantEnv,
+    Task,
+    recorded,
+    rollout,
+)
 from prefcal_env.controllers.margins import MarginKPIs, margins
 from prefcal_env.disk import digest_of
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Channel, End, Measurement, Move
-from prefcal_env.plants.plant import Plant
+from prefcal_env.plants.plant import Disturbed, Plant
 from prefcal_env.preferences.answer import Reading
 from prefcal_scenarios import KPI, Scenario, load
 from prefcal_scenarios.cases.loops.family import LOOPS
@@ -19,7 +31,7 @@ from prefcal_scenarios.described.pid_scenario import pid_scenario
 from prefcal_scenarios.names import CLOSED_LOOPS
 from prefcal_scenarios.verification import verify
 from prefcal_scenarios.verification.loops import Designed, LawController, Worn
-from prefcal_scenarios.verification.plants import Factor, Scaled, factors_of, varied_plant
+from prefcal_scenarios.verification.plants import Factor, Scaled, factors_of, varied_plant, within
 from prefcal_scenarios.verification.result import BEST, FILE, Verified, VerifiedRun, WorstRun
 from prefcal_scenarios.verification.varied_runs import Perturbed, runs_kept
 from support.varied_loops import (
@@ -124,11 +136,69 @@ def test_a_pid_on_a_plant_of_ones_own_is_varied():
     assert verified.tuning.margins.phase > 40
 
 
+GRID = [[([12.0], [16.0, 1]), ([-18.0], [20.0, 1])], [([6.5], [11.0, 1]), ([-19.0], [14.0, 1])]]
+LATE = {
+    "input": lambda by: Plant.of(([0.8], [20, 1]), delay=7.0 * by),
+    "output": lambda by: Plant.of(([0.8], [20, 1]), output_delay=7.0 * by),
+    "both": lambda by: Plant.of(([0.8], [20, 1]), delay=2.0 * by, output_delay=5.0 * by),
+    "entry": lambda by: Plant.of(GRID, delay=by * np.array([[1.0, 3.0], [7.0, 3.0]])),
+    "discrete": lambda by: Plant.of(signal.dlti([0.04], [1, -0.95], dt=1.0), delay=round(7.0 * by)),
+}
+
+
+@pytest.mark.parametrize("where", LATE)
+def test_dead_time_varies_by_the_same_share_wherever_it_stands(where):
+    scenario = pid_scenario(LATE[where](1.0))
+    theta, subject = scenario.references["robust"], found(scenario)
+    (factor,) = (f for f in subject.factors if f.kind == "dead time")
+    least = 1.4 if where != "discrete" else 2.0  # 20 % of 7, or whole samples
+    assert (factor.nominal, factor.low) == (7.0, pytest.approx(7.0 - least))
+    assert factor.high == pytest.approx(7.0 + least)
+    assert not [text for text in subject.left_out if "no dead time" in text]
+    later = subject.at({"dead time": factor.high})
+    env = PlantEnv(Disturbed(LATE[where](factor.high / 7.0), range(0), range(len(theta) // 4)), _task(later))
+    right = rollout(env, scenario.controller(theta), theta)
+    np.testing.assert_allclose(later(theta).y, right.y, rtol=1e-9, atol=1e-12)
+    assert np.abs(later(theta).y - scenario.run(theta).y).max() > 1e-3
+
+
+def _task(source):
+    return source.function.env.task
+
+
+def test_the_dead_time_of_sensors_varies_with_that_of_the_plant():
+    plant, start = Plant.of(([0.8], [20, 1]), delay=2.0), np.zeros(1)
+    task = Task(x0=start, u0=start, y_ref=np.array([1.0]), horizon=60.0, measurement_delay=4.0)
+    loop = ClosedLoop(PlantEnv(plant, task), lambda theta: PID(theta[0], 20.0, T_s=1.0))
+    scenario = Scenario("s", "s", KnobSpace([Knob("K", 0.1, 5)]), loop, kpis=())
+    (factor,) = (f for f in found(scenario).factors if f.kind == "dead time")
+    assert (factor.nominal, factor.low, factor.high) == (6.0, pytest.approx(4.8), pytest.approx(7.2))
+    env = found(scenario).at({"dead time": 7.2}).function.env
+    assert env.task.measurement_delay == pytest.approx(4.8)
+    assert env.plant.input_delay == pytest.approx((2.4,))
+    assert found(scenario).at({}).function.env.task.measurement_delay == 4.0
+
+
+def test_dead_time_inside_the_states_of_a_plant_is_named_as_not_varied():
+    scenario = pid_scenario(Plant.of(signal.dlti([0.04], [1, -0.95, 0, 0], dt=1.0)))
+    said = [text for text in found(scenario).left_out if "dead time" in text]
+    assert said == ["dead time in the states of the plant (poles at 0) is not varied: state it as a delay"]
+
+
+def test_values_of_a_factor_with_a_step_are_whole_steps_and_include_its_ends():
+    factor = Factor.around("dead time", "dead time", 0.2, 3.0, "s").stepped(1.0)
+    values = [factor.value(share) for share in np.linspace(0, 0.999, 30)]
+    assert sorted(set(values)) == [2.0, 3.0, 4.0]
+    (wider,) = within([factor], {"dead time": (0.0, 0.5)})
+    assert (wider.low, wider.high) == (3.0, 5.0)
+    assert within([factor], {"dead time": 0.0}) == ()
+
+
 def test_equations_without_named_parameters_vary_in_speed_and_gain():
     plant = FunctionPlant(
         lambda x, u, d: [-x[0] + 2.0 * u[0]], states=[Channel("x", "m")], inputs=[Channel("u", "V", -9, 9)]
     )
-    scaled = Scaled(plant, 2.0, np.array([3.0]), (0.0,))
+    scaled = Scaled(plant, 2.0, np.array([3.0]), 1.0)
     x, u, d, t = np.array([1.0]), np.array([0.5]), np.zeros(0), np.array([0.3, 1.0])
     exact = 3.0 + (1.0 - 3.0) * np.exp(-2.0 * t)
     assert scaled.hold(x, u, d, t)[:, 0] == pytest.approx(exact, rel=1e-6)

@@ -282,7 +282,8 @@ def _table(answers: list[Mapping[str, Any]]) -> Table:
 
 def as_text(content: Any) -> str:
     """Return what programs read: strict, indented JSON, with null for missing numbers."""
-    return json_.dumps(jsonable(content), indent=2, ensure_ascii=False, allow_nan=False)
+    whole = (sys.stdout.encoding or "utf-8").lower().startswith("utf")  # others lack characters
+    return json_.dumps(jsonable(content), indent=2, ensure_ascii=not whole, allow_nan=False)
 
 
 # --- Complete what a user types by what a study keeps: its scenario and its cost, but no programs.

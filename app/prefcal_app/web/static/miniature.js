@@ -21,7 +21,7 @@ export const typeset = (text) => text.replace(/[<>&]/g, "").replace(/_([\p{L}\p{
 
 // Return the axis of a knob over its whole range, with clean ticks if it spans decades.
 function along(knob) {
-  const log = knob.scale === "log10";
+  const log = knob.scale === "log10" && knob.low > 0; // plotly has no logarithms of negative values
   const [low, high] = log ? [Math.log10(knob.low), Math.log10(knob.high)] : [knob.low, knob.high];
   const pad = 0.04 * (high - low);
   const ticks = log && high - low >= 2 ? { dtick: Math.ceil((high - low) / 5) } : { nticks: 5 };
