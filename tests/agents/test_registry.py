@@ -3,7 +3,7 @@
 import pytest
 
 import prefcal_agents
-from contracts.agents import MIXED
+from contracts.proposals import MIXED
 from prefcal_agents import restore
 from prefcal_agents.registry import AGENTS, agent_class
 from prefcal_env.errors import SettingsError

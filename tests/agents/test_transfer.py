@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contracts.agents import MIXED, judge, latent, run
+from contracts.proposals import MIXED, judge, latent, run
 from prefcal_agents import GLISp, RandomSearch
 from prefcal_agents.baselines import LatinHypercube
 from prefcal_agents.transfer import Earlier, respaced
@@ -126,14 +126,6 @@ def test_a_narrowed_range_is_all_that_is_searched(make_agent):
     assert np.all((later[:, 0] >= 0.1) & (later[:, 0] <= 1.0))
     assert np.all((later[:, 1] >= 4) & (later[:, 1] <= 6))
     assert len(np.unique(after.samples, axis=0)) == 12
-
-
-def test_a_frozen_knob_stays_put_and_is_part_of_every_theta(make_agent):
-    agent = half_way(make_agent)
-    after = respaced(agent, MIXED.narrowed({"weight": (0.31, 0.31)}), keep_open=False)
-    run(after)
-    assert after.samples.shape == (12, 3)
-    assert set(after.samples[5:, 2].tolist()) == {0.31}
 
 
 def test_a_widened_range_keeps_every_theta(make_agent):

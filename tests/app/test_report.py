@@ -20,6 +20,7 @@ from prefcal_app.summary import Outlook
 from prefcal_app.view.question import theta_view
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import End
+from prefcal_env.experiments.panels import without_record
 from prefcal_env.knobs import KnobSpace
 from prefcal_scenarios import Panel
 from prefcal_scenarios.style import canvas
@@ -254,18 +255,11 @@ def test_an_out_that_exists_is_taken(tmp_path):
     assert folder_for(tmp_path / "a" / "b").is_dir()
 
 
-def without_record(experiment):
-    """The experiment of a run that failed at once."""
-    names = ("t", "x", "u", "t_control", "u_control", "y_ref", "iterations", "solve_time", "solved")
-    nothing = {name: getattr(experiment, name)[:0] for name in names}
-    return replace(experiment, **nothing, kpis={}, end=End.FAILED)
-
-
 @pytest.mark.parametrize("failed", [(), (0,), (1,), (0, 1)])
 def test_a_notebooks_figure_shows_both_runs_on_equal_axes(failed):
     toy = toy_scenario()
     pair = [toy.run(np.array(theta)) for theta in ([0.4, 20, 1.0], [1.0, 8, 5.0])]
-    shown = [without_record(e) if k in failed else e for k, e in enumerate(pair)]
+    shown = [replace(without_record(e), end=End.FAILED) if k in failed else e for k, e in enumerate(pair)]
     drawn = figure(toy, *shown)
     drawn.draw_without_rendering()
     axes = np.array(drawn.axes).reshape(len(toy.panels), 2)

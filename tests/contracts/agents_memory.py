@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from contracts.agents import HALF, MIXED, SMALL, run
 from contracts.memory import *  # noqa: F403
+from contracts.proposals import HALF, MIXED, SMALL, run
 from prefcal_agents import Screening
 from prefcal_agents.agent import AgentState
 from prefcal_env.errors import ProtocolError, SettingsError

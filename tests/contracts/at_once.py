@@ -2,23 +2,14 @@
 
 import json
 
-import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from contracts.agents import MIXED, TINY, latent
+from contracts.proposals import MIXED, TINY, reply
 from prefcal_agents.agent import AgentState
 from prefcal_env.errors import ProtocolError, SettingsError
 from support.agents import woken
-
-
-def reply(agent, query):
-    """The answer or the score of someone who knows `latent`."""
-    new, old = query.challenger, query.incumbent
-    if agent.by_value:
-        return latent(new.theta)
-    return None if old is None else int(np.sign(latent(new.theta) - latent(old.theta)))
 
 
 def close(agent, n, choice):

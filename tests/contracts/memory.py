@@ -12,9 +12,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from contracts.agents import MIXED
 from contracts.at_once import *  # noqa: F403
-from contracts.at_once import reply
+from contracts.proposals import MIXED, reply
 from prefcal_agents.agent import AgentState
 from prefcal_env.errors import ProtocolError
 from prefcal_env.preferences.answer import Answer

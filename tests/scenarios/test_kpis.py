@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_agents.baselines import LatinHypercube
 from prefcal_agents.learned_cost import CostTerm, LearnedCost
 from prefcal_app.session.study import trust_text
 from prefcal_env import (
@@ -130,15 +129,6 @@ def test_every_answer_is_recorded_with_what_happened(interview):
         assert new == outcome(TOY, interview.past.experiment(closed.challenger))
         rival = closed.incumbent
         assert old == (None if rival is None else outcome(TOY, interview.past.experiment(rival)))
-
-
-def test_whatever_the_agent_the_answers_say_what_counts():
-    interview = begin(TOY, n_max=20, agent=LatinHypercube)
-    answer_all(interview, lambda number: None)
-    index = interview.known.index
-    assert index.explains
-    assert index(outcome(TOY, FINE)) < index(outcome(TOY, UNSAFE))
-    assert begin(TOY).known.index is None
 
 
 @pytest.mark.parametrize(("right", "doubt"), [(31, ""), (23, ": not clearly better than chance")])

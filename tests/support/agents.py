@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from contracts.agents import MIXED
+from contracts.proposals import MIXED
 from prefcal_agents import restore
 from prefcal_agents.registry import AGENTS, AgentRow
 

@@ -64,6 +64,13 @@ def proceed(interview: Interview) -> Now:
     return interview.now()
 
 
+def worked(interview: Interview) -> Now:
+    """Do all the work that there is, also what is done ahead of an answer."""
+    while interview.work():
+        pass
+    return interview.now()
+
+
 def until(interview: Interview, wanted: Callable[[Now], Any], seconds: float = 20.0) -> Now:
     """Wait for a moment of an interview that works in the background, as `wanted` says."""
     end = time.monotonic() + seconds

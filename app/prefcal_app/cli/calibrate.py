@@ -296,6 +296,16 @@ class Calibration:
         return self.interview.now().phase is Phase.OVER
 
     @property
+    def result(self) -> tuple[int | None, int, bool]:
+        """Return what a report is about: the best experiment, the number of answers, and if it is over.
+
+        A choice at the end reopens a study and ends it within milliseconds, so that it seems never
+        to have been open.
+        """
+        now = self.interview.now()
+        return now.incumbent, len(now.state.answers), now.phase is Phase.OVER
+
+    @property
     def again(self) -> str:
         """Return the command that resumes the study."""
         options = self.options
@@ -596,7 +606,7 @@ def _in_window(work: Calibration, ctrl_c: Interruption) -> None:
     # Imported here: unattended runs need no web server.
     from prefcal_app.web import Window, open_browser
 
-    options, announced = work.options, False
+    options, told = work.options, None
     links = work.messages.file if options.json else None
     with (
         Window(
@@ -615,19 +625,18 @@ def _in_window(work: Calibration, ctrl_c: Interruption) -> None:
             work.say("No browser found: open the link yourself, or answer here with --terminal.")
         with suppress(KeyboardInterrupt), ctrl_c.allowed():
             while not window.closed.wait(0.1):
-                over = work.over
-                if over and not announced:
-                    _tell_in_passing(work)
-                    window.reports = work.claim.folder
-                    ctrl_c.on_press = lambda: work.say("Closing ...")
-                elif announced and not over:
-                    window.reports = None  # it is of the result before
+                over, result = work.over, work.result
+                if told not in (None, result):
+                    window.reports = told = None  # it is of the result before
                     ctrl_c.on_press = lambda: _say_stopping(work)
-                announced = over
+                if over and told is None:
+                    _tell_in_passing(work)
+                    window.reports, told = work.claim.folder, result
+                    ctrl_c.on_press = lambda: work.say("Closing ...")
                 away = window.away()
                 if over and away is not None and away > GONE and not window.verifying:
                     break
-    if options.json or not announced:
+    if options.json or told != work.result:
         work.tell(work.write())
 
 

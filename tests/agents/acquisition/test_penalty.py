@@ -30,28 +30,26 @@ def marked(book):
     return [numbers.tolist(), numbers[marks.unsafe].tolist()]
 
 
-def test_a_mark_on_either_side_is_of_that_side_s_sample():
-    book = history(None, Answer(1, marks=(NEW, OLD_GOOD)), -1, Answer(1, marks=(OLD, NEW_GOOD)))
-    assert marked(book) == [[0, 1, 2, 3], [1, 2]]
-
-
-def test_a_sample_that_was_shown_without_the_mark_is_safe_also_if_nobody_can_tell():
-    assert marked(history(None, None, 1)) == [[0, 1, 2], []]
-
-
-def test_the_first_query_shows_nothing_but_its_mark_counts():
-    assert marked(history(None)) == [[], []]
-    assert marked(history(Answer(None, marks=(NEW,)))) == [[0], [0]]
+@pytest.mark.parametrize(
+    ("answers", "expected"),
+    [
+        (
+            [None, Answer(1, marks=(NEW, OLD_GOOD)), -1, Answer(1, marks=(OLD, NEW_GOOD))],
+            [[0, 1, 2, 3], [1, 2]],
+        ),
+        ([None, None, 1], [[0, 1, 2], []]),  # shown without the mark: safe, whatever was answered
+        ([None], [[], []]),  # the first query shows nothing, but its mark counts
+        ([Answer(None, marks=(NEW,))], [[0], [0]]),
+        ([None, Answer(1, marks=(OLD,)), Answer(1, marks=(OLD_GOOD,)), 1], [[0, 1, 2, 3], [0]]),
+    ],
+)
+def test_one_mark_is_enough_and_is_of_its_side_s_sample(answers, expected):
+    assert marked(history(*answers)) == expected
 
 
 def test_marks_of_a_retracted_answer_no_longer_count():
     book = history(None, Answer(1, marks=(NEW,)), Answer(1, marks=(NEW, OLD_GOOD)))
     assert marked(book.retracted(1)) == [[0, 2], [2]]
-
-
-def test_one_answer_that_says_unsafe_is_enough_and_outdoes_good_enough():
-    book = history(None, Answer(1, marks=(OLD,)), Answer(1, marks=(OLD_GOOD,)), 1)
-    assert marked(book) == [[0, 1, 2, 3], [0]]
 
 
 def test_marks_of_a_further_comparison_count_too():

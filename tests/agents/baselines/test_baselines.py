@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from contracts.agents import MIXED, run
+from contracts.proposals import MIXED, run
 from prefcal_agents.baselines import EqualWeights, StepSearch, by_mean_rank
 from prefcal_env.errors import SettingsError
 from support.agents import quick

@@ -1,6 +1,5 @@
 """What GLISp learns from KPIs, and whole studies that use it."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -316,15 +315,6 @@ def test_the_surrogate_is_the_expected_cost_where_kpis_explain_the_answers():
 
 def never(theta):
     return {**terms(theta), "late": np.inf if theta[0] < 0 else theta[0]}
-
-
-def test_a_restored_agent_asks_the_identical_query():
-    agent = study(never, options=GLISpSettings(questions_per_experiment=2), count=13)
-    text = json.dumps(agent.state.to_dict(), allow_nan=False)
-    twin = restore(SQUARE, AgentState.from_dict(json.loads(text)))
-    assert twin.state == agent.state
-    assert twin.ask() == agent.ask()
-    assert agent.copy().ask() == agent.ask()
 
 
 def test_after_an_undo_and_a_retraction_it_proposes_what_a_fresh_agent_with_that_record_does():

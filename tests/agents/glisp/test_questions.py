@@ -13,7 +13,7 @@ from prefcal_agents.glisp.agent import confirm_best, contenders, final_question,
 from prefcal_agents.glisp.fits import Dataset, ModelSelection, NoiseTest, Selection, rows_of
 from prefcal_agents.lessons import Preferences, cube_of
 from prefcal_agents.surrogate import ExpectationPropagation, Shape
-from prefcal_env.errors import ProtocolError, SettingsError
+from prefcal_env.errors import SettingsError
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preferences.answer import Answer, Mark
 from support.histories import in_cube, studied
@@ -227,19 +227,6 @@ def test_asking_twice_copying_and_restoring_change_nothing():
         run(agent, 1)
 
 
-def test_a_further_answer_can_be_retracted_and_every_sample_stays():
-    agent = asking(3)
-    run(agent)
-    samples, taught = agent.samples, len(Preferences.of(agent.state.history))
-    agent.retract(0, further=True)
-    assert np.array_equal(agent.samples, samples)
-    assert len(Preferences.of(agent.state.history)) == taught - 1
-    with pytest.raises(ProtocolError, match="retracted already"):
-        agent.retract(0, further=True)
-    with pytest.raises(ProtocolError, match="no follow-up answer 999"):
-        agent.retract(999, further=True)
-
-
 def test_what_a_state_says_of_further_answers_is_checked():
     agent = asking(3)
     run(agent, stop=9)
@@ -291,20 +278,6 @@ def test_a_suspicion_leads_to_a_question_about_the_best_at_most_once_an_experime
     before_the_end = [latest for *_, latest in asked if latest < 39]
     assert before_the_end
     assert len(before_the_end) == len(set(before_the_end))
-
-
-def agreement(questions, seed, **settings):
-    """Return how well Ĵ ranks the samples of a study."""
-    settings = GLISpSettings(questions_per_experiment=questions, **settings)
-    agent = GLISp(SQUARE, settings=settings, n_init=8, n_max=12, seed=seed)
-    run(agent)
-    found = np.argsort(np.argsort(agent.surrogate(agent.samples)))
-    true = np.argsort(np.argsort([bowl(t) for t in agent.samples]))
-    return np.corrcoef(found, true)[0, 1]
-
-
-def test_further_answers_teach_the_order():
-    assert min(agreement(12, seed, validate_at=()) for seed in range(3)) > 0.99
 
 
 def cut_short(history, *indices):

@@ -17,10 +17,8 @@ from prefcal_agents.glisp.fits import (
     NoiseTest,
     Selection,
     evidence_of_mistakes,
-    rows_of,
     suited_shape,
     train,
-    trust,
 )
 from prefcal_agents.lessons import Preferences
 from prefcal_agents.surrogate import Shape
@@ -144,10 +142,6 @@ def test_a_shape_may_be_validated_at_given_numbers_only():
     assert validated(replace(QUICK, validate_at=(8, 16))) <= {8, 16}
 
 
-def test_a_long_start_validates_nothing():
-    assert selecting(n_init=MANY).after(history_of(40)).shape == ROUND
-
-
 @pytest.mark.parametrize("process", [True, False])
 def test_every_knob_has_its_turn_in_the_cross_validation(process, monkeypatch):
     seen = set()
@@ -253,12 +247,6 @@ def test_the_error_rate_counts_only_if_answers_may_be_wrong():
     assert not changes(TRUSTED)
 
 
-def test_the_posterior_has_one_coefficient_for_each_sample():
-    data = data_of(wrong=(7,))
-    assert trust(data, NOISY, 0.1).mean.shape == (16,)
-    assert trust(data, NOISY, 0.1).wrong.max() > 0.1 > trust(data, NOISY, 0.001).wrong.min()
-
-
 RATE = 0.1
 
 
@@ -321,14 +309,3 @@ def test_beyond_many_comparisons_the_shape_stays():
     assert len(compared(count=MANY + 2)) == MANY + 1
     known, far = compared(count=MANY + 2), Shape(5.6, (1.0, 1.0))
     assert suited_shape(known, far, RATE, answered=MANY + 2, first=False) == far
-
-
-def test_each_comparison_is_one_row():
-    known = compared(count=5)
-    features = ROUND.basis(known.samples, known.samples)
-    rows = rows_of(known, ROUND)
-    assert rows.rows.shape == (4, 5)
-    gaps = features[known.first] - features[known.second]
-    # A row and its number say the same: the lower cost is on the negative side.
-    parallel = np.abs(np.sum(rows.rows * gaps, axis=1))
-    assert parallel == pytest.approx(np.linalg.norm(rows.rows, axis=1) * np.linalg.norm(gaps, axis=1))

@@ -85,11 +85,6 @@ def test_without_kpis_or_strict_answers_there_is_none():
     assert bare.index is None
 
 
-def test_one_answer_is_enough_to_begin_with_and_says_that_it_predicts_nothing():
-    index = index_of(study(RandomSearch(SQUARE, n_max=12), honest, 3))
-    assert index is None or not index.explains
-
-
 def test_it_ranks_experiments_as_the_person_does():
     index = index_of(study(RandomSearch(SQUARE, n_max=40, seed=1), honest, 31))
     thetas = np.random.default_rng(8).random((60, 2))

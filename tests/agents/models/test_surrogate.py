@@ -5,7 +5,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import RBFInterpolator
-from scipy.optimize import check_grad, minimize
+from scipy.optimize import check_grad
 from scipy.stats import multivariate_normal
 
 from prefcal_agents.baselines import POSITIVE_DEFINITE, best_interpolant, interpolate
@@ -145,28 +145,6 @@ def test_no_other_weights_cost_less_in_eq_qp_pref(seed, count, sigma, lam_sigma)
             assert other >= least - 1e-6 * least - 1e-9 * sigma * count
 
 
-def test_weights_agree_with_a_general_solver():
-    preferences, learning = comparisons(count=6, seed=4), Learning(sigma=0.5, lam=0.1)
-    n, m = 9, len(preferences)
-    phi = basis(preferences)
-    difference = phi[preferences.first] - phi[preferences.second]
-    b, sigma = preferences.b, learning.sigma
-    rows = [(b != 0, b[:, None] * difference, -sigma)]
-    rows += [(b == 0, sign * difference, sigma) for sign in (1, -1)]
-    limits = [
-        {"type": "ineq", "fun": lambda z, k=k, a=a, s=s: (a @ z[:n] + z[n:] + s)[k]} for k, a, s in rows
-    ]
-    primal = minimize(
-        lambda z: preferences.weights @ z[n:] + learning.lam / 2 * z[:n] @ z[:n],
-        np.full(n + m, 0.5),
-        constraints=limits,
-        bounds=[(None, None)] * n + [(0, None)] * m,
-        options={"ftol": 1e-14, "maxiter": 500},
-    )
-    assert primal.success
-    assert weights_of(preferences, learning) == pytest.approx(primal.x[:n], abs=1e-4)
-
-
 def test_consistent_preferences_are_reproduced_with_the_paper_s_sigma():
     rng = np.random.default_rng(1)
     samples = rng.random((12, 2))
@@ -289,17 +267,6 @@ def test_candidates_that_are_equally_good_give_the_middle_one():
     scores = alike.reproduced(Shape(1.0, (1.0,), "gaussian"), at)
     assert len(set(scores)) == 1
     assert choose_epsilon(alike, Shape(1.0, (1.0,), "gaussian"), at)[0].epsilon == 1.0
-
-
-def test_a_knob_that_hardly_matters_comes_to_count_less():
-    known = study(lambda z: np.sin(6 * z[1]) + 0.05 * z[0], count=40)
-    shape = Shape(1.0, (1.0, 1.0))
-    for round_ in range(8):
-        checked = validation(known, seed=round_)
-        shape, score = choose_epsilon(checked, shape, CANDIDATES)
-        shape = rescale_knob(shape, score, round_ % 2, judge(checked))
-    assert shape.scales[1] > 2 * shape.scales[0]
-    assert np.prod(shape.scales) == pytest.approx(1.0)
 
 
 def test_scales_never_differ_by_more_than_the_widest_ratio():

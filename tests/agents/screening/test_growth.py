@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from contracts.agents import HALF, MIXED, RARE, RING
+from contracts.proposals import HALF, MIXED, RARE, RING
 from prefcal_agents import Screening
 from prefcal_agents.screening.agent import FROM, LEAST, MOST, Certificate, Evidence, evidence
 from prefcal_agents.screening.bank import Growth, Simulations, near_leaders
@@ -74,18 +74,6 @@ def test_the_plan_simulates_a_quarter_first_then_a_third_then_a_little_after_eac
     assert np.all(np.diff(stage.spread) > 0)
 
 
-def test_a_stage_has_a_cost_for_each_theta_and_draw():
-    grown = growth(40)
-    stage = grown.stage(chain(grown, [1, -1]))
-    assert stage.costs.shape == (256, len(stage.bank))
-    assert np.all(stage.costs >= 0)
-    assert np.all(stage.costs.min(axis=1) < stage.costs.max(axis=1) - 1)  # something is noticed
-
-
-def test_even_one_simulation_makes_a_stage():
-    assert len(growth(1).stage(History()).bank) == 1
-
-
 def test_what_is_shown_joins_the_bank():
     grown = growth(20)
     record = chain(grown, [1, -1])
@@ -94,15 +82,6 @@ def test_what_is_shown_joins_the_bank():
     assert grown.stage(shown).bank.find((0.123, 0.456)) >= 0
     with pytest.raises(KeyError):
         grown.stage(record).bank.find((0.123, 0.456))
-
-
-def test_stated_limits_are_those_of_the_reading():
-    def limited(theta):
-        return trade_off(theta)
-
-    limited.reading = Reading({}, {"b": 0.3})
-    scale = growth(simulate=limited).stage(History()).scale
-    assert dict(zip(scale.names, scale.limits, strict=True)) == {"a": np.inf, "b": 0.3, "c": np.inf}
 
 
 def test_a_stage_depends_on_the_record_alone_not_on_what_was_asked_before():
@@ -128,12 +107,6 @@ def test_answers_to_follow_ups_teach_but_bring_no_new_theta():
     assert not np.array_equal(after.costs, before.costs)
     lead = [np.mean(s.costs[:, 0] < s.costs[:, 3]) for s in (before, after)]
     assert lead[1] >= lead[0]
-
-
-def test_an_abstention_teaches_nothing():
-    grown = growth(20)
-    first = grown.stage(History())
-    assert grown.stage(chain(grown, [None, None])).utilities is first.utilities
 
 
 @pytest.mark.parametrize("known", [{}, {"late": 0.0}], ids=["absent", "constant"])
@@ -331,24 +304,6 @@ def test_if_answers_do_not_follow_from_the_kpis_no_number_is_stated(badly):
     assert said.share is None
     assert said.chance is None
     assert Certificate.of(KNOWN).explained
-
-
-@pytest.mark.parametrize(
-    ("worse", "better"),
-    [
-        ({"better": 0.1}, {"better": 0.0}),
-        ({"wide": 0.1}, {"wide": 0.0}),
-        ({"held": 0.0}, {"held": 6.0}),
-        ({"answers": 2}, {"answers": 20}),
-        ({"predicted": -1.0}, {"predicted": -0.1}),
-    ],
-)
-def test_each_piece_of_evidence_moves_the_share_the_right_way(worse, better):
-    poor, middle, good = (
-        Certificate.of(e).share for e in (replace(KNOWN, **worse), KNOWN, replace(KNOWN, **better))
-    )
-    assert poor >= middle >= good
-    assert poor > good
 
 
 def test_the_share_is_a_whole_percentage_between_the_least_and_all():

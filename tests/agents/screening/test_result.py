@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from contracts.agents import MIXED
+from contracts.proposals import MIXED
 from prefcal_agents import Screening
 from prefcal_agents.result import decisive, turned
 from prefcal_agents.screening import agent as screening
@@ -94,18 +94,6 @@ def test_chances_are_probabilities_and_follow_the_costs():
     assert np.corrcoef(found, below)[0, 1] > 0.95
 
 
-def test_a_theta_that_is_better_in_every_kpi_is_surely_better():
-    grown = Growth(Simulations(lambda t: {"a": 0.1 + t[0], "b": 1 + 5 * t[0]}), SQUARE, 60, 0)
-    stage = grown.stage(History())
-    order = np.argsort(stage.bank.thetas[:, 0])
-    first, last = int(order[0]), int(order[-1])
-    reason = reason_for(stage, first, last, History())
-    assert set(reason.better_in) == {"a", "b"}
-    assert reason.worse_in == ()
-    assert reason.chance > 0.95
-    assert reason_for(stage, last, first, History()).chance < 0.05
-
-
 def test_somebody_who_often_sees_no_difference_is_expected_to_see_one_less_often():
     stage = staged()
     order = np.argsort(stage.bank.thetas[:, 0] + stage.bank.thetas[:, 1])
@@ -148,26 +136,6 @@ def test_the_menu_holds_others_with_what_they_gain(ended):
 
 def test_what_decided_is_what_was_wanted(ended):
     assert ended.wishes["first"] > 0.9
-
-
-def test_knobs_that_no_kpi_depends_on_stay_as_they_were():
-    def simulate(theta):
-        return {"first": (theta[0] - 0.3) ** 2, "others": 0.0 * theta[1]}
-
-    space = KnobSpace([Knob("a", 0.0, 1.0), Knob("b", 0.0, 1.0), Knob("c", 0.0, 1.0)])
-    agent = Screening(space, simulate=simulate, n_simulated=100, n_max=8, seed=0, start=[[0.9, 0.2, 0.7]])
-    assert agent.smaller_change is None
-    while not agent.done:
-        query = agent.ask()
-        sides = [s and simulate(s.theta)["first"] for s in (query.challenger, query.incumbent)]
-        agent.tell(query, None if sides[1] is None else int(np.sign(sides[0] - sides[1])))
-    found = agent.smaller_change
-    assert found.kept == (1, 2)
-    assert found.theta == (agent.best[0], 0.2, 0.7)
-    assert found.chance == 0.0
-    bank = agent.with_simulated(np.array([found.theta]))
-    assert len(bank) == len(agent.bank) + 1
-    assert bank.find(found.theta) == len(agent.bank)
 
 
 def test_a_result_without_a_given_start_is_compared_with_nothing(ended):

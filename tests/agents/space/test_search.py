@@ -39,12 +39,6 @@ SPACE = KnobSpace(
 GRID = KnobSpace([Knob("a", 0, 2, integer=True), Knob("b", 0, 1, integer=True)])
 
 
-def test_a_latin_hypercube_has_one_sample_in_every_stratum_of_every_knob():
-    points = latin_hypercube(SPACE, 10, seed=3)
-    for column in points.T:
-        assert sorted(np.floor(10 * column)) == list(range(10))
-
-
 @pytest.mark.parametrize(("count", "seed"), [(1, 0), (6, 0), (25, 7)])
 def test_the_points_are_those_of_scipy(count, seed):
     sampler = qmc.LatinHypercube(len(SPACE), rng=np.random.default_rng([seed, 0]))
@@ -158,12 +152,6 @@ def test_points_of_the_start_that_are_allowed_stay():
     allowed = Region(LINEAR).allows(free)
     assert 0 < allowed.sum() < 12
     assert np.array_equal(free[allowed], kept[allowed])
-
-
-def test_a_fresh_point_is_allowed():
-    seen = Tried(TINY, History())
-    z = seen.fresh(np.zeros(3), np.random.default_rng(0))
-    assert TINY.allows(TINY.decode(TINY.snap(z)))
 
 
 def test_capacity_counts_the_theta_that_are_allowed():
@@ -336,12 +324,7 @@ def domain(space, start=(0.5, 0.5, 0.5)):
 @pytest.mark.parametrize("center", [(0.3, 0.8, 0.5), (0.0, 1.0, 0.9)])
 def test_a_known_minimum_among_many_is_found(center):
     found = multistart(Waves(center), domain(REAL), np.random.default_rng(0))
-    assert found[0] == pytest.approx(center, abs=2e-3)
-
-
-def test_multistart_ends_exactly_where_the_gradient_is_zero():
-    found = multistart(Waves((0.3, 0.8, 0.5)), domain(REAL), np.random.default_rng(0))
-    assert found[0] == pytest.approx([0.3, 0.8, 0.5], abs=1e-6)
+    assert found[0] == pytest.approx(center, abs=1e-6)
 
 
 def test_integer_knobs_stay_on_their_grid():

@@ -4,13 +4,10 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from contracts.agents import MIXED, judge, latent, run
+from contracts.proposals import MIXED, judge, latent, run
 from prefcal_agents import GLIS, GLISp, RandomSearch, restore
 from prefcal_agents.agent import AgentState
-from prefcal_agents.baselines import LatinHypercube
 from prefcal_agents.registry import AGENTS as ROWS
 from prefcal_env.errors import KnobError, SettingsError
 from prefcal_env.knobs import Knob, KnobSpace
@@ -112,18 +109,3 @@ def test_a_malformed_start_of_a_state_is_refused():
         restore(MIXED, AgentState.from_dict({**plain, "start": [[0.5, 2.0, 0.5]]}))
     with pytest.raises(SettingsError, match="cannot be read"):
         AgentState.from_dict({**plain, "start": 3})
-
-
-@settings(max_examples=25)
-@given(
-    st.lists(
-        st.tuples(st.floats(0.01, 10.0), st.integers(2, 9), st.floats(-5.0, 3.0)),
-        min_size=1,
-        max_size=4,
-        unique_by=lambda t: t[1],
-    )
-)
-def test_any_theta_of_the_space_may_be_the_start(thetas):
-    agent = LatinHypercube(MIXED, n_init=1, n_max=4, start=thetas)
-    run(agent)
-    assert agent.samples[: len(thetas)] == pytest.approx(np.array(thetas), rel=1e-9, abs=1e-12)

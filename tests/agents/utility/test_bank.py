@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from contracts.agents import HALF, MIXED, RARE, RING, SMALL, STAIRS, TINY
+from contracts.proposals import HALF, MIXED, RARE, RING, SMALL, STAIRS, TINY
 from prefcal_agents.people import Bank, columns_of
 from prefcal_agents.search import latin_hypercube
 from prefcal_env.knobs import Knob, KnobSpace

@@ -12,7 +12,7 @@ from prefcal_agents.people import Measured, corrected
 from prefcal_env.errors import SettingsError, SimulationError
 from prefcal_env.preferences.answer import Answer, Mark, Reading
 from prefcal_env.preferences.history import History
-from support.simulated import SQUARE, bank_of, in_chain, random_bank
+from support.simulated import SQUARE, bank_of, in_chain
 from support.studies import by, drive
 
 EXACT = Reading()
@@ -86,11 +86,18 @@ def test_without_a_simulation_kpis_may_be_infinite_or_all_the_same(real):
     assert np.array_equal(found[0, ROWS], real[ROWS])
 
 
-def test_a_study_whose_kpis_are_as_simulated_measures_nothing():
-    bank = random_bank()
-    told = [dict(zip(bank.names, bank.kpis[row], strict=True)) for row in (0, 1)]
-    answers = [Answer(1, outcomes=(told[1], told[0]))]
-    assert not len(Measured.of(bank, in_chain(bank, [0, 1], answers), EXACT))
+@pytest.mark.parametrize(
+    ("told", "marks"),
+    [
+        (({"a": 3.0, "b": 4.0}, {"a": 1.0, "b": 2.0}), ()),  # as simulated
+        (({"a": 9.0}, None), (Mark.CHALLENGER_CUT_SHORT,)),  # bounds
+        (({"speed": 9.0}, None), ()),  # other KPIs
+    ],
+)
+def test_kpis_as_simulated_bounds_and_other_kpis_are_not_taken_for_measured_ones(told, marks):
+    bank = bank_of([[1.0, 2.0], [3.0, 4.0]])
+    record = in_chain(bank, [0, 1], [Answer(1, outcomes=told, marks=marks)])
+    assert not len(Measured.of(bank, record, EXACT))
     assert not len(Measured.of(bank, History(), EXACT))
 
 
@@ -100,18 +107,6 @@ def test_a_kpi_that_was_not_measured_keeps_its_simulated_value():
     measured = Measured.of(bank, record, EXACT)
     assert measured.on(bank).kpis.tolist() == [[1.0, 2.0], [9.0, 4.0]]
     assert bank.kpis.tolist() == [[1.0, 2.0], [3.0, 4.0]]
-
-
-def test_bounds_of_a_run_cut_short_are_not_taken_for_measured_kpis():
-    bank, marks = bank_of([[1.0, 2.0], [3.0, 4.0]]), (Mark.CHALLENGER_CUT_SHORT,)
-    answer = Answer(1, outcomes=({"a": 9.0}, None), marks=marks)
-    assert not len(Measured.of(bank, in_chain(bank, [0, 1], [answer]), EXACT))
-
-
-def test_of_an_experiment_with_other_kpis_nothing_is_learned():
-    bank = bank_of([[1.0, 2.0], [3.0, 4.0]])
-    record = in_chain(bank, [0, 1], [Answer(1, outcomes=({"speed": 9.0}, None))])
-    assert not len(Measured.of(bank, record, EXACT))
 
 
 def test_a_twin_with_other_names_is_refused_with_both():
@@ -186,13 +181,6 @@ def study(twin, n_max=9):
     agent = Screening(SQUARE, simulate=twin, n_simulated=150, n_max=n_max, seed=0)
     drive(agent, by(cost), kpis=plant)
     return agent
-
-
-def test_a_study_is_the_same_with_and_without_kpis_that_are_as_simulated():
-    agent = study(plant)
-    silently = Screening(SQUARE, simulate=plant, n_simulated=150, n_max=9, seed=0)
-    drive(silently, by(cost))
-    assert np.array_equal(agent.samples, silently.samples)
 
 
 def test_where_kpis_differ_every_fourth_theta_is_one_of_those_that_fill_the_space():

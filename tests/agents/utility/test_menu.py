@@ -1,6 +1,7 @@
 """A menu that satisfies as many of the drawn people as it can."""
 
 import numpy as np
+import pytest
 
 from prefcal_agents.result import between, others, unbeaten
 
@@ -17,27 +18,23 @@ def costs_of(*favourites, noticed=3.0):
     return costs
 
 
-def test_it_satisfies_those_whom_the_result_does_not():
-    costs = costs_of((2,), (2,), (2,), (4,), (4,), (5,))
-    assert others(costs, LOGS, USABLE, 0) == (2, 4)
-
-
-def test_what_is_better_for_all_comes_once():
-    costs = costs_of((3,), (3,), (3,))
-    assert others(costs, LOGS, USABLE, 0) == (3,)
+@pytest.mark.parametrize(
+    ("favourites", "found"),
+    [
+        ([(2,), (2,), (2,), (4,), (4,), (5,)], (2, 4)),
+        ([(3,), (3,), (3,)], (3,)),  # what is better for all comes once
+        ([(1, 2, 3), (1, 2, 3), (4,), (4,)], (4, 2)),  # 4 differs most, then 1 and 2 from both
+        ([(1, 2, 5), (1, 2, 5)], (5,)),
+    ],
+)
+def test_it_satisfies_those_whom_the_result_does_not_by_what_differs_most(favourites, found):
+    assert others(costs_of(*favourites), LOGS, USABLE, 0) == found
 
 
 def test_nothing_is_left_to_offer_where_the_result_satisfies_all():
     costs = costs_of((1,), (2,))
     costs[:, 0] = 0.5
     assert others(costs, LOGS, USABLE, 0) == ()
-
-
-def test_of_those_that_satisfy_alike_the_most_different_is_taken():
-    costs = costs_of((1, 2, 3), (1, 2, 3), (4,), (4,))
-    assert others(costs, LOGS, USABLE, 0) == (4, 2)  # 4 differs most, then 1 and 2 from both
-    costs = costs_of((1, 2, 5), (1, 2, 5))
-    assert others(costs, LOGS, USABLE, 0) == (5,)
 
 
 def test_no_candidate_that_is_refused_and_none_that_most_would_find_worse_than_the_result():

@@ -133,12 +133,6 @@ def test_the_preferred_experiment_of_each_answer_is_the_better_one():
     assert np.array_equal(found.logs, SCALE(BANK)[[3, 5, 7, 9, 11, 13, 2, 4]])
 
 
-def test_a_retracted_answer_teaches_nothing():
-    record = of_pairs(BANK, [(3, 5), (7, 9)], [-1, 1])
-    assert len(lessons(record.retracted(1))) == 1
-    assert len(lessons(record.retracted(1).retracted(3))) == 0
-
-
 def test_an_unsafe_experiment_comes_last_even_if_it_was_preferred():
     odd = [[0.1, 0.1, 1.0], [0.5, 0.5, 0.2], [0.6, 0.4, 0.3], [0.3, 0.6, 0.2]]  # a trade-off
     bank = bank_of([*odd, *BANK.kpis[:60]])

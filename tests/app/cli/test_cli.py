@@ -1,7 +1,6 @@
 """`prefcal calibrate`, called as a user calls it, in this process."""
 
 import json
-from pathlib import Path
 
 import pytest
 
@@ -54,20 +53,3 @@ def test_the_scenarios_are_listed(done):
 
 def test_the_version_is_printed(prefcal):
     assert prefcal("--version")[1].startswith("prefcal ")
-
-
-def test_glis_is_told_the_score_and_asks_nobody(prefcal, tmp_path):
-    words = ["calibrate", TOY, "--agent", "glis", "--n-init", "3", "--json"]
-    study = ["--study", "./g.prefcal"]
-    code, out, _ = prefcal(*words, *study, "--n-max", "7")
-    result = json.loads(out)
-    assert code == 0
-    assert (result["experiments"], result["questions"]) == (7, 0)
-    assert (result["agent"], result["calibrator"]) == ("glis", "score")
-    assert "without comparisons: 7 experiments" in Path(result["report"]).read_text("utf-8")
-    # It goes on where it was, as one study of nine would have.
-    _, out, _ = prefcal(*words, *study, "--n-max", "9")
-    _, whole, _ = prefcal(*words, "--n-max", "9")
-    assert json.loads(out)["best"] == json.loads(whole)["best"]
-    assert json.loads(out)["experiments"] == 9
-    assert prefcal("studies", "verify", "./g.prefcal")[0] == 0

@@ -43,6 +43,7 @@ CALLS = [
     ("calibrate TOY --agent random --no-outcomes", "only the agent glisp takes --no-outcomes"),
     ("calibrate cstr --no-outcomes", "not 'screening': leave it out, or choose --agent glisp"),
     ("calibrate cstr --agent glisp --simulate 500", "only the agent screening takes --simulate"),
+    ("calibrate lag --agent glisp --robust", "only the agent screening takes --robust"),
     ("calibrate cstr --agent screening --simulate 0", "needs simulations"),
     ("calibrate cstr --simulate -1", "--simulate must be 0 or above"),
     ("calibrate cstr --n-init 4", "--agent screening has no initial experiments"),

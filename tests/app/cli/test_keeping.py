@@ -41,12 +41,6 @@ def test_an_aborted_start_leaves_neither_a_study_nor_a_folder(prefcal, monkeypat
     assert list(tmp_path.glob("prefcal-*")) == []
 
 
-def test_with_json_an_aborted_start_says_that_there_is_no_report(prefcal, monkeypatch, ours):
-    result = json.loads(start(prefcal, monkeypatch, "", "--json")[1])
-    assert result["report"] is None
-    assert result["questions"] == 0
-
-
 @pytest.mark.parametrize("typed", ["l\n", "l\nz\n"])  # z takes the answer back: it was given
 def test_a_study_stays_from_its_first_answer_on(prefcal, monkeypatch, ours, typed):
     start(prefcal, monkeypatch, typed)

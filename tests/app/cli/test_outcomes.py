@@ -2,6 +2,7 @@
 
 import json
 import shlex
+from pathlib import Path
 
 from prefcal_app.cli.options import Options
 from support.studies import state_of
@@ -58,8 +59,12 @@ def test_a_study_never_chooses_which_cost_is_run(prefcal, refused, tmp_path):
 def test_a_study_keeps_a_kpi_as_its_cost(done, refused):
     words = ["--agent", "glis", "--cost", "t_f", "--n-max", "4", "--study", "mine"]
     out = done("calibrate", TOY, *words, "--json")
-    cost = json.loads(out)["cost"]
+    result = json.loads(out)
+    cost = result["cost"]
     assert cost is not None
+    assert (result["questions"], result["agent"], result["calibrator"]) == (0, "glis", "score")
+    page = Path(result["report"]).read_text("utf-8")
+    assert "without comparisons: 4 experiments" in page
     out = done("report", "mine", "--scenario", TOY, "--json")
     assert json.loads(out)["cost"] == cost  # the KPI, not the scenario's own score
     out = done("calibrate", TOY, "--study", "mine", "--n-max", "5", "--json")

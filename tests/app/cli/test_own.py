@@ -74,30 +74,6 @@ own = replace(t.toy, run=run)
     assert (tmp_path / "res" / "best.json").exists()
 
 
-NAN_PLANT = """
-from prefcal_env import PID, Channel, ClosedLoop, FunctionPlant, PlantEnv, Task
-level, valve = Channel("level", "m", target=1.0), Channel("valve", "%", low=0, high=100)
-nothing = FunctionPlant(lambda x, u, d: [np.nan], states=[level], inputs=[valve])
-task = Task(x0=np.zeros(1), u0=np.zeros(1), y_ref=np.ones(1), horizon=1.0)
-pid = PID.of_gains(1, 1, 0, T_s=0.1, plant=nothing)
-run = ClosedLoop(PlantEnv(nothing, task), lambda theta: pid)
-own = Scenario("nan", "A plant of nothing", t.toy.space, run, cost=lambda e: 0.0, simulated=True)
-"""
-
-
-@pytest.mark.extended
-@pytest.mark.usefixtures("own_process")
-@pytest.mark.parametrize("agent", ["glisp", "screening"])
-def test_a_plant_that_gives_nan_ends_in_the_reason_of_its_first_run(prefcal, own, agent):
-    code, _, err = prefcal("calibrate", own(NAN_PLANT), *SYNTHETIC, "--agent", agent)
-    assert code == 1
-    assert "f must be finite at the start of an experiment, got NaN for ['level']" in err
-    assert "Traceback" not in err
-    code, out, _ = prefcal("check", "own.py:own")
-    assert code == 1
-    assert "f must be finite" in out
-
-
 COSTS = {
     "lambda e: e.kpis['no']": "prefcal: KeyError: 'no' (in own.py:9: own =",
     "lambda e: None": "prefcal: cost must be a number, got None",
@@ -138,19 +114,6 @@ def test_a_theta_whose_cost_is_unknown_has_failed_and_the_study_goes_on(prefcal,
     assert SOME[cost] in best["origin"]["failed, as their cost is unknown"]
     report = (tmp_path / "res" / "report.html").read_text(encoding="utf-8")
     assert "failed, as their cost is unknown" in report
-
-
-@pytest.mark.usefixtures("own_process")
-def test_a_run_whose_kpi_raises_at_some_theta_has_failed_and_the_study_goes_on(prefcal, own, tmp_path):
-    text = """
-def run(theta, seed=0):
-    made = t.run(theta, seed)
-    return made.with_kpis({**made.kpis, 'ratio': 1 / 0 if theta[1] > 20 else 2.0})
-own = replace(t.toy, run=run, references={}, kpis=(*t.toy.kpis, t.KPI('ratio', 'ratio', better='lower')))
-"""
-    code, _, err = prefcal("calibrate", own(text), *SYNTHETIC, "--agent", "random", "--n-max", "6")
-    assert code == 0, err
-    assert "failed: ZeroDivisionError" in err
 
 
 @pytest.mark.usefixtures("own_process")

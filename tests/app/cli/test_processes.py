@@ -8,6 +8,7 @@ import sys
 
 import pytest
 
+from support.new_process import loaded_by
 from support.processes import finished, start, wait_until
 from toy_study import TOY_FILE
 
@@ -89,15 +90,9 @@ def test_a_rig_that_breaks_down_leaves_a_report_and_its_own_error(tmp_path):
     assert "after 3 of 50 experiments" in (tmp_path / "out" / "report.html").read_text("utf-8")
 
 
-def test_help_loads_neither_plots_nor_compilers_nor_agents(tmp_path):
-    code = (
-        "import sys\nfrom prefcal_app.cli import app\n"
-        "heavy = {'matplotlib', 'numba', 'numpy', 'prefcal_agents.glisp', 'prefcal_env'}\n"
-        "print(sorted(heavy & set(sys.modules)))\n"
-    )
-    env = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
-    out = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True)
-    assert out.stdout == "[]\n"
+def test_help_loads_neither_plots_nor_compilers_nor_agents():
+    heavy = ("matplotlib", "numba", "numpy", "prefcal_agents.glisp", "prefcal_env")
+    assert loaded_by("prefcal_app.cli", *heavy) == []
 
 
 @pytest.mark.parametrize("encoding", ["cp1252", "ascii"])

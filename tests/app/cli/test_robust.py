@@ -29,8 +29,3 @@ def test_what_cannot_be_varied_is_refused_with_what_to_add(refused):
     assert "since it is only a function of θ: give the parameters" in told
     with pytest.raises(ScenarioError, match="only a function"):
         ask(unseen, robust=True)
-
-
-def test_only_an_agent_that_simulates_can_be_robust(refused):
-    told = refused("calibrate", "lag", "--agent", "glisp", "--robust")
-    assert "only the agent screening takes --robust" in told

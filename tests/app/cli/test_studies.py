@@ -47,14 +47,6 @@ def test_no_studies_are_a_hint_not_an_error(done):
     assert "No studies yet" in out
 
 
-def test_a_study_goes_on_with_more_experiments(prefcal, done, study):
-    out = done("calibrate", TOY, "--study", "mine", "--n-max", "8", "--json")
-    result = json.loads(out)
-    assert (result["experiments"], result["study"]) == (8, "mine")
-    whole = prefcal("calibrate", TOY, *SYNTHETIC, "--n-init", "2", "--n-max", "8", "--json")[1]
-    assert json.loads(whole)["best"] == result["best"]
-
-
 @pytest.mark.parametrize(
     ("words", "message"),
     [

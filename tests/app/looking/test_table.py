@@ -25,29 +25,12 @@ def test_a_plain_table_is_understood_and_this_is_said(tmp_path):
     assert "left out: note" in run.about
 
 
-def test_a_column_of_identifiers_is_left_out_and_this_is_said(tmp_path):
-    run = read(tmp_path, "time,level,batch\n0,1,12A\n1,2,12A\n")
-    assert [channel.name for channel in run.experiment.channels.y] == ["level"]
-    assert "left out: batch" in run.about
-
-
 def test_semicolons_decimal_commas_gaps_and_repeated_times(tmp_path):
     run = read(tmp_path, "t;level\n3;4,5\n0;1,5\n1;\n2;2,5\n2;3,5\n")
     assert run.experiment.t.tolist() == [0, 1, 2, 3]
     assert run.experiment.output(0).tolist() == [1.5, 2.5, 3.5, 4.5]
     assert "sorted" in run.about
     assert "only the last one is kept (1 left out)" in run.about
-
-
-def test_time_stamps_count_from_the_first(tmp_path):
-    run = read(tmp_path, "Timestamp,y\n2026-01-01T00:00:01Z,1\n2026-01-01T00:00:03Z,2\n")
-    assert run.experiment.t.tolist() == [0, 2]
-
-
-def test_time_stamps_may_have_a_format_of_their_own(tmp_path):
-    text = "t;y\n01/31/2026 23:59:50;1,5\n02/01/2026 00:00:10;2\n"
-    run = read(tmp_path, text, time_format="%m/%d/%Y %H:%M:%S")
-    assert run.experiment.t.tolist() == [0, 20]
 
 
 def test_rows_without_a_time_and_empty_cells_are_said(tmp_path):
@@ -72,22 +55,6 @@ def test_the_first_column_is_the_time_if_none_is_called_so(tmp_path):
     run = read(tmp_path, ",y\n5,1\n6,2\n")
     assert run.experiment.t.tolist() == [5, 6]
     assert [c.name for c in run.experiment.channels.y] == ["y"]
-
-
-def test_columns_of_a_historian_get_names_units_inputs_and_references(tmp_path):
-    run = read(
-        tmp_path,
-        "Stamp,TI,SP,V\n0,1,2,3\n1,1,2,3\n",
-        time="Stamp",
-        inputs=("V",),
-        columns={"level": "TI"},
-        units={"level": "m"},
-        reference={"level": "SP"},
-    )
-    channels = run.experiment.channels
-    assert [(c.name, c.unit) for c in channels.y] == [("level", "m")]
-    assert [c.name for c in channels.u] == ["V"]
-    assert channels.y[0].target == 2
 
 
 def test_of_two_hundred_columns_the_first_are_shown(tmp_path):

@@ -21,28 +21,9 @@ from prefcal_app.report.write import (
 from prefcal_app.summary import Outlook
 from prefcal_env.disk import digest_of
 from prefcal_scenarios.catalog import load
-from prefcal_scenarios.verification.result import BEST, Verified, WorstRun
+from prefcal_scenarios.verification.result import BEST
+from support.verified import FOUND
 from toy_study import toy_record
-
-FOUND = Verified(
-    statement="298 of 299 runs keep the stated limits.",
-    limits_kept="Stated limits: a safe end.",
-    share=0.99,
-    bound=0.02,
-    runs=299,
-    planned=299,
-    baseline="current tuning",
-    kpis=(),
-    margins=(("gain margin [dB]", "12", "8"), ("phase margin [°]", "60", "44")),
-    basis="the unconstrained law",
-    effects=("dead time (4.8 to 7.2 s): overshoot",),
-    worst=(WorstRun("settling time misses its objective", {"dead time": 7.1}, 3, "acceptable"),),
-    varied=("dead time 4.8 to 7.2 s", "noise of the sensors 0 to 0.2 %"),
-    left_out=("Sampling jitter is not varied",),
-    scenario="toy",
-    version="1.0",
-    best="",
-)
 
 
 def test_who_answered_what_and_why_the_result_is_the_result():

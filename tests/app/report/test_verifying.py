@@ -45,16 +45,6 @@ def test_a_verdict_on_a_run_of_another_tuning_is_stale(best):
         judge(best.parent, 0, acceptable=True)
 
 
-def test_runs_that_are_stopped_early_count(best):
-    def stop(done, planned):
-        if done == 3:
-            raise KeyboardInterrupt
-
-    said = verify_best(best, 50, jobs=1, progress=stop)
-    assert said.runs < said.planned == 50
-    assert "stopped early" in said.statement
-
-
 def test_a_verification_of_the_tuning_before_does_not_count_for_a_new_file(best):
     def changed(done, planned):
         best.write_text(best.read_text().replace("2.0", "1.0"))

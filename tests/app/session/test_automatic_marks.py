@@ -9,16 +9,13 @@ import pytest
 from rich.console import Console
 
 from prefcal_agents.lessons import Marks
-from prefcal_app.report import StudyRecord
-from prefcal_app.report.record import comparisons_as_csv
-from prefcal_app.report.write import page
 from prefcal_app.session import Choice, Phase
 from prefcal_app.terminal.showing import show_history, show_question
 from prefcal_app.view import history_view, now_view, status_view
 from prefcal_env.experiments.experiment import End
 from prefcal_env.preferences.answer import Mark
 from prefcal_env.study import export_csv
-from support.interviews import begin, proceed
+from support.interviews import begin, proceed, worked
 from toy_study import toy_scenario
 
 NEW, OLD = Mark.CHALLENGER_UNSAFE, Mark.INCUMBENT_UNSAFE
@@ -68,14 +65,13 @@ def test_running_ahead_foresees_them(mark):
     while (now := proceed(interview)).phase is Phase.QUESTION:
         if mark and not (mark == "good enough" and now.question.left.counts_as_unsafe):
             interview.steps.mark(now.question.id, "left", mark, True)
-        while interview.work():
-            pass
+        worked(interview)
         now = interview.steps.answer(interview.now().question.id, Choice.SAME)
         assert now.phase is not Phase.RUNNING  # nothing was left to compute
     assert any(c.answer.automatic for c in now.state.history.comparisons)
 
 
-def test_every_view_says_so_and_why():
+def test_every_view_and_table_says_so_and_why(tmp_path):
     interview = studied()
     state = interview.now().state
     rows = history_view(interview)["answers"]
@@ -85,6 +81,9 @@ def test_every_view_says_so_and_why():
     tried = status_view(interview)["tried"]["experiments"]
     shown = {e["number"] - 1 for e in tried if WORDS in e["marks"]}
     assert shown == state.history.unsafe(automatic=True) != set()
+    with (export_csv(interview.file, tmp_path) / "experiments.csv").open() as file:
+        marked = {i for i, row in enumerate(csv.DictReader(file)) if row["automatic marks"]}
+    assert marked == shown
     question = interview.now().question
     view = now_view(interview, blind=True)["question"]
     for name in ("left", "right"):
@@ -97,19 +96,3 @@ def test_every_view_says_so_and_why():
     assert out.split("History")[1].count(f"· {WORDS}") == sum(
         side.counts_as_unsafe for side in (question.left, question.right)
     )
-
-
-def test_report_and_tables_tell_automatic_marks_from_the_person_s(tmp_path):
-    interview = studied()
-    held = interview.now().state.history.incumbents()
-    record = StudyRecord(touchy, "toy", interview.past.comparisons(), held)
-    assert f"first: {WORDS}" in page(record, [])
-    rows = list(csv.DictReader(io.StringIO(comparisons_as_csv(record))))
-    told = [c.answer for c in interview.past.comparisons()[1:]]
-    assert [row["automatic marks"] for row in rows] == [
-        ", ".join(mark.value for mark in answer.automatic) for answer in told
-    ]
-    folder = export_csv(interview.file, tmp_path)
-    with (folder / "experiments.csv").open() as file:
-        marked = [i for i, row in enumerate(csv.DictReader(file)) if row["automatic marks"]]
-    assert set(marked) == interview.now().state.history.unsafe(automatic=True)

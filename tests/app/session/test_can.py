@@ -12,16 +12,11 @@ from prefcal_env.errors import ScenarioError, SettingsError, StaleError
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.sources.rig import Rig
 from support.interviews import THREE, begin, proceed
-from toy_scenario_tools import CHANNELS, record_of_toy
+from toy_scenario_tools import CHANNELS, csv
 from toy_study import toy_scenario
 
 TOY = toy_scenario()
 RIG = replace(TOY, cost=None, references={}, kpis=(), run=Rig(CHANNELS, (2.0,)))
-
-
-def csv(highest: float) -> bytes:
-    """A record of the rig whose highest level is so much."""
-    return record_of_toy().replace("0,8.0000,", f"0,{highest:.4f},").encode()
 
 
 def arguments(interview, rng):

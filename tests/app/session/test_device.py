@@ -8,7 +8,7 @@ from prefcal_app.view import now_view
 from prefcal_env.errors import ScenarioError, StaleError
 from prefcal_scenarios.scenario import KPI, Scenario
 from support.device import SPACE, Device
-from support.interviews import begin
+from support.interviews import begin, worked
 
 SCENARIO = Scenario("device", "A device", SPACE, Device())
 
@@ -33,8 +33,7 @@ def test_each_run_is_confirmed_and_compared():
         question = confirmed(interview).question
         assert question.left.experiment.kpis["integrated error of level"] > 0
         interview.steps.answer(question.id, Choice.LEFT)
-        while interview.work():
-            pass
+        worked(interview)
     assert interview.now().phase is Phase.OVER
 
 

@@ -2,7 +2,6 @@
 
 import threading
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from prefcal_app.session import Choice, Phase, unattended
 from prefcal_env.errors import StaleError, StudyError
 from prefcal_env.preferences.answer import Mark, Preference
 from prefcal_env.study import Answered, StudyFile
-from support.interviews import THREE, begin, proceed, reopened
+from support.interviews import THREE, begin, proceed, reopened, worked
 from toy_study import toy_scenario
 
 LEFT, RIGHT, SAME, CANNOT_TELL = Choice
@@ -93,11 +92,13 @@ def test_two_tabs_answer_at_once_and_one_of_them_is_told(interview):
 def test_marks_stay_with_the_experiment_and_go_into_the_answer(interview):
     question = proceed(interview).question
     side = "left" if question.left.challenger else "right"
-    interview.steps.mark(question.id, side, "good enough", True)
-    interview.steps.mark(question.id, side, "good enough", False)
-    now = interview.steps.mark(question.id, side, "unsafe", True)
+    for mark, on in [("good enough", True), ("unsafe", True), ("good enough", True)]:
+        now = interview.steps.mark(question.id, side, mark, on)
+        assert now.question.challenger.marks == {mark}  # one takes the other away
+    now = interview.steps.mark(question.id, side, "good enough", False)
+    assert now.question.challenger.marks == frozenset()
+    interview.steps.mark(question.id, side, "unsafe", True)
     assert now.question.id == question.id
-    assert now.question.challenger.marks == {"unsafe"}
     interview.steps.answer(question.id, LEFT)
     assert interview.now().state.history.comparisons[1].answer.marks == (Mark.CHALLENGER_UNSAFE,)
     assert interview.now().state.marks[1] == {"unsafe"}
@@ -118,22 +119,6 @@ def test_undo_opens_the_same_question_again_with_the_same_sides(interview):
     assert again.id != first.id
     assert (again.left.index, again.right.index) == (first.left.index, first.right.index)
     assert again.left.experiment == first.left.experiment
-
-
-def test_an_experiment_is_never_run_twice(toy):
-    ran = []
-
-    def run(theta, seed=0):
-        ran.append(tuple(theta))
-        return toy.run(theta, seed)
-
-    interview = begin(replace(toy, run=run), n_max=7)
-    while (now := proceed(interview)).phase is Phase.QUESTION:
-        interview.steps.answer(now.question.id, judge(now.question))
-        proceed(interview)
-        interview.steps.undo(interview.now().version)
-        interview.steps.answer(proceed(interview).question.id, judge(now.question))
-    assert len(ran) == len(set(ran)) == 7
 
 
 def test_a_late_undo_from_another_tab_takes_nothing_back(interview):
@@ -276,8 +261,7 @@ def test_running_ahead_changes_nothing_but_the_waiting(toy, agent):
         interview = begin(toy, n_max=9, ahead=ahead, agent=agent)
         thetas = []
         while (now := proceed(interview)).phase is Phase.QUESTION:
-            while interview.work():
-                pass
+            worked(interview)
             now = interview.steps.answer(now.question.id, judge(now.question))
             if ahead and now.phase is not Phase.OVER:
                 assert now.phase is Phase.QUESTION  # nothing was left to compute
@@ -320,22 +304,6 @@ def test_a_full_disk_at_an_answer_leaves_the_question_open(interview, monkeypatc
     assert interview.now().state.history.answered == 2
 
 
-def test_the_unattended_loop_equals_the_loop_in_memory(toy):
-    from prefcal_env.preferences.answer import calibrate
-    from prefcal_scenarios.runs import outcome
-
-    agent = GLISp(toy.space, n_init=3, n_max=8, seed=0)
-    judge_ = toy.calibrators["synthetic"](0)
-    steps = calibrate(agent, toy.run, judge_, partial(outcome, toy))
-    plain = [c for c in steps if not c.query.further]
-    interview = begin(toy, n_max=8)
-    stored = list(unattended(interview, judge_))
-    assert [c.answer for c in stored] == [c.answer for c in plain]
-    assert all(a.challenger == b.challenger for a, b in zip(stored, plain, strict=True))
-    best = interview.now().incumbent
-    assert np.array_equal(interview.past.experiment(best).theta, agent.best)
-
-
 def test_scores_take_the_place_of_questions(toy):
     interview = begin(toy, agent=GLIS)
     list(unattended(interview, None))
@@ -370,23 +338,9 @@ def test_a_run_without_a_record_has_no_score_and_loses(toy):
 @pytest.mark.parametrize("choice", Choice)
 def test_every_verdict_is_foreseen(toy, choice):
     interview = begin(toy, n_max=9, ahead=True)
-    question = proceed(interview).question
-    while interview.work():
-        pass
+    question = worked(interview).question
     answered = interview.steps.answer(question.id, choice)
     assert answered.phase is Phase.QUESTION  # nothing had to be computed first
-
-
-def test_one_mark_takes_the_other_away(interview):
-    now = proceed(interview)
-    question = now.question
-    interview.steps.mark(question.id, "left", "good enough", True)
-    interview.steps.mark(question.id, "left", "unsafe", True)
-    assert interview.now().question.left.marks == {"unsafe"}
-    interview.steps.mark(question.id, "left", "good enough", True)
-    assert interview.now().question.left.marks == {"good enough"}
-    interview.steps.mark(question.id, "left", "good enough", False)
-    assert interview.now().question.left.marks == frozenset()
 
 
 def test_the_comment_comes_back_with_the_answer_that_is_taken_back(interview):

@@ -19,20 +19,6 @@ def pair(question):
     return question.challenger.index, question.incumbent.index
 
 
-def test_more_questions_come_with_the_next_experiments(toy):
-    interview = begin(toy, n_max=12)
-    for _ in range(4):
-        answer(interview)
-    asked = interview.now().question
-    now = interview.steps.pace(3)
-    assert interview.known.questions == 3
-    assert (now.question.id, pair(now.question)) == (asked.id, pair(asked))
-    until_further(interview)
-    while answer(interview).phase is not Phase.OVER:
-        pass
-    assert interview.now().state.history.follow_ups
-
-
 def test_an_open_further_question_disappears_when_there_are_to_be_fewer(toy):
     interview = begin(toy, n_max=8, agent=THREE)
     question = until_further(interview)

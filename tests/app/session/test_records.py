@@ -14,7 +14,7 @@ from prefcal_env.sources.rig import Rig
 from prefcal_env.study import Suggested, verify
 from prefcal_scenarios.scenario import KPI
 from support.interviews import begin, reopened
-from toy_scenario_tools import CHANNELS, record_of_toy
+from toy_scenario_tools import CHANNELS, csv
 from toy_study import toy_scenario
 
 TOY = toy_scenario()
@@ -25,11 +25,6 @@ RIG = replace(
     kpis=(KPI("highest", "highest", "m", better="lower"),),
     run=Rig(CHANNELS, (2.0,), kpis=lambda e: {"highest": float(e.x.max())}),
 )
-
-
-def csv(highest: float) -> bytes:
-    """A record whose highest level is so much."""
-    return record_of_toy().replace("0,8.0000,", f"0,{highest:.4f},").encode()
 
 
 @pytest.fixture

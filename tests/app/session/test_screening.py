@@ -16,7 +16,7 @@ from prefcal_app.view.end import why_view
 from prefcal_env.errors import ScenarioError, StaleError
 from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_env.study import StudyFile
-from support.interviews import answer_all, begin, clock, judge, proceed, reopened
+from support.interviews import answer_all, begin, clock, judge, proceed, reopened, worked
 from support.processes import wait_until
 from support.unseen import cost, unseen
 
@@ -26,13 +26,6 @@ OPPOSITE = {Choice.LEFT: Choice.RIGHT, Choice.RIGHT: Choice.LEFT, Choice.SAME: C
 
 def started(path=None, n_max=5, ahead=False, seed=0, agent=AGENT, stops=False):
     return begin(unseen, n_max=n_max, agent=agent, path=path, ahead=ahead, seed=seed, stops=stops)
-
-
-def worked(interview):
-    """Do all work that there is."""
-    while interview.work():
-        pass
-    return interview.now()
 
 
 def asked(now):
@@ -64,20 +57,13 @@ def test_a_study_without_prefetching_is_the_same_as_one_with_it():
     assert now.state.history == same.state.history
 
 
-def test_a_likely_answer_is_followed_by_the_next_question_without_work():
+def test_the_likeliest_answers_are_prepared_and_followed_by_the_next_question_without_work():
     interview = started(ahead=True)
-    proceed(interview)
     now = worked(interview)
+    assert len(interview._flow.thoughts.prefetch._bases) == LIKELIEST
     now = interview.steps.answer(now.question.id, Choice.LEFT)
     assert now.phase is Phase.QUESTION
     assert interview.known.screened() is not None
-
-
-def test_only_the_likeliest_answers_are_prepared():
-    interview = started(ahead=True)
-    proceed(interview)
-    worked(interview)
-    assert len(interview._flow.thoughts.prefetch._bases) == LIKELIEST
 
 
 def test_a_restarted_study_asks_the_identical_question_at_once(tmp_path):

@@ -18,7 +18,7 @@ from prefcal_env.experiments.experiment import End
 from prefcal_env.knobs import theta_key
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.isolated import isolation
-from support.interviews import begin, proceed, until
+from support.interviews import begin, until, worked
 from support.wild_runs import GAIN
 
 BAD = np.array([0.31, 26, 50.0])
@@ -69,9 +69,7 @@ def test_a_run_that_hangs_is_stopped_counted_as_failed_and_the_study_goes_on(ahe
 
 def on_suspicion(interview):
     """Have the interview run ahead what hangs, when all else is run ahead."""
-    proceed(interview)
-    while interview.work():
-        pass
+    worked(interview)
     interview._flow.thoughts.prefetch.next = BAD
     interview._idle_at = None
 

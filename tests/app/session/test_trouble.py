@@ -11,7 +11,7 @@ from prefcal_app.session.runs import due
 from prefcal_app.session.study import ExperimentStore
 from prefcal_env.errors import ScenarioError, StaleError, StudyError
 from prefcal_env.study import Shown, StudyFile
-from support.interviews import begin, clock, proceed
+from support.interviews import begin, clock, proceed, worked
 
 LEFT = Choice.LEFT
 
@@ -44,8 +44,7 @@ def test_trouble_while_looking_ahead_leaves_the_question_open(toy, monkeypatch):
 
     with monkeypatch.context() as patched:
         patched.setattr(GLISp, "tell", broken)
-        while interview.work():
-            pass
+        worked(interview)
     assert interview.now().question == question
     interview.steps.answer(question.id, LEFT)
     assert proceed(interview).question.challenger.index == 2
@@ -74,9 +73,7 @@ def test_a_plant_that_gives_no_experiment_has_failed_in_words(toy, run, words):
 
 def test_whatever_fails_after_an_answer_is_a_problem_and_no_error_of_who_answered(toy, monkeypatch):
     interview = begin(toy, ahead=True)
-    question = proceed(interview).question
-    while interview.work():
-        pass
+    question = worked(interview).question
 
     def broken(self, index):
         raise MemoryError("no room for the curves")
@@ -98,9 +95,7 @@ def test_an_experiment_that_no_file_could_hold_is_a_failed_run(toy, kpis):
         return made if next(runs) != 2 else replace(made, kpis=kpis)
 
     interview = begin(replace(toy, run=run), ahead=True)
-    question = proceed(interview).question
-    while interview.work():
-        pass
+    question = worked(interview).question
     interview.steps.answer(question.id, LEFT)
     assert proceed(interview).phase is not Phase.FAILED  # the fourth run of the same θ
 
@@ -114,14 +109,20 @@ def test_an_error_that_names_a_strange_file_is_told(toy):
     assert now.problem == now.state.failures[0]
 
 
-def test_nothing_is_run_after_the_interview_was_closed(toy):
+def counted(toy, change=lambda made: made):
+    """The toy, and the list of θ that it has run."""
     ran = []
 
     def run(theta, seed=0):
-        ran.append(theta)
-        return toy.run(theta, seed)
+        ran.append(tuple(theta))
+        return change(toy.run(theta, seed))
 
-    interview = begin(replace(toy, run=run), ahead=True)
+    return replace(toy, run=run), ran
+
+
+def test_nothing_is_run_after_the_interview_was_closed(toy):
+    same, ran = counted(toy)
+    interview = begin(same, ahead=True)
     proceed(interview)
     before = len(ran)
     interview.close()
@@ -138,23 +139,10 @@ def test_an_undo_while_a_proposal_is_due_is_not_asked_twice(toy):
     assert interview.now().question.id == question.id
 
 
-def counted(toy, change=lambda made: made):
-    """The toy, and the list of θ that it has run."""
-    ran = []
-
-    def run(theta, seed=0):
-        ran.append(tuple(theta))
-        return change(toy.run(theta, seed))
-
-    return replace(toy, run=run), ran
-
-
 def test_a_plant_that_rounds_its_parameters_is_not_run_twice(toy):
     rounding, ran = counted(toy, lambda made: replace(made, theta=made.theta.round(3)))
     interview = begin(rounding, ahead=True)
-    question = proceed(interview).question
-    while interview.work():
-        pass
+    question = worked(interview).question
     interview.steps.answer(question.id, LEFT)
     proceed(interview)
     assert len(ran) == len(set(ran))
@@ -170,6 +158,5 @@ def test_what_the_study_holds_is_not_run_ahead_again(toy, tmp_path):
     same, ran = counted(toy)
     resumed = Interview(same, StudyFile.open(path, clock=clock()))
     resumed.steps.undo(resumed.now().version)
-    while resumed.work():
-        pass
+    worked(resumed)
     assert ran == []  # the start is space-filling: every answer leads to the θ that was run

@@ -14,7 +14,7 @@ from prefcal_app.view.end import smaller_view
 from prefcal_env.errors import KnobError, ProtocolError, ScenarioError, StaleError
 from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_scenarios.runs import screened
-from support.interviews import begin, proceed, reopened
+from support.interviews import begin, proceed, reopened, worked
 from support.looks import toy
 from support.screened import explained, screening, simulated
 
@@ -59,8 +59,7 @@ def test_it_comes_with_the_question_and_no_request_computes_it(chances):
     for _ in range(3):
         assert interview.known.screened().prospect is None
         assert interview.known.outlook is None
-    while interview.work():
-        pass  # what its answer can change is worked out afterward
+    worked(interview)  # what its answer can change is worked out afterward
     assert chances["asked"] == asked
 
 
@@ -75,8 +74,7 @@ def test_after_a_request_it_is_worked_out_anew_in_the_background(chances):
     assert interview.work()
     assert interview.known.screened().basis.pending.theta == tuple(WANTED)
     assert interview.now().version == version + 1  # pages are told
-    while interview.work():
-        pass  # what its answer can change
+    worked(interview)  # what its answer can change
     assert interview.now().version <= version + 2
     assert interview.known.screened().basis.pending.theta == tuple(WANTED)
 
@@ -122,8 +120,7 @@ def test_an_error_leaves_the_question_and_is_not_tried_forever(monkeypatch):
     interview = screening()
     now = proceed(interview)
     assert now.phase is Phase.QUESTION
-    while interview.work():
-        pass
+    worked(interview)
     assert interview.now().question == now.question
     assert interview.known.screened() is None
 
@@ -167,19 +164,14 @@ def test_rows_of_the_bank_are_found_by_theta():
     assert known.row(first) == 5
 
 
-def test_below_ten_percent_it_offers_to_stop():
-    found = Prospect(940, 0.08)
-    assert found.offer == (
-        "The chance that the most promising of the 940 simulated is better than the best so far "
-        "is 8 %. Stop here, or go on?"
+@pytest.mark.parametrize(("chance", "said", "offers"), [(0.08, "8 %", True), (0.1, "10 %", False)])
+def test_below_ten_percent_it_offers_to_stop_and_else_only_says_what_is_left(chance, said, offers):
+    found = Prospect(940, chance)
+    text = (
+        f"The chance that the most promising of the 940 simulated is better than the best so far is {said}."
     )
-    assert found.text == found.offer.removesuffix(" Stop here, or go on?")
-
-
-def test_from_ten_percent_on_it_only_says_what_is_left_to_gain():
-    found = Prospect(940, 0.1)
-    assert found.offer == ""
-    assert found.text.endswith("better than the best so far is 10 %.")
+    assert found.text == text
+    assert found.offer == (f"{text} Stop here, or go on?" if offers else "")
 
 
 @pytest.mark.parametrize(
@@ -232,8 +224,7 @@ def test_at_the_end_it_says_what_was_wanted_and_what_the_result_rests_on():
     while interview.now().phase is not Phase.OVER:
         assert interview.known.outlook is None or interview.known.outlook.result == ()
         answered(interview, Choice.LEFT)
-    while interview.work():
-        pass
+    worked(interview)
     known = interview.known.screened()
     certified = replace(known.basis, certificate=CERTIFIED)
     interview._flow.thoughts.basis = certified
@@ -253,12 +244,10 @@ def test_a_study_that_a_person_ends_is_told_of_its_result_as_well():
     interview = explained(screening())
     answered(interview, Choice.LEFT)
     interview.steps.finish()
-    while interview.work():
-        pass
+    worked(interview)
     assert interview.known.screened().told_result
     interview.steps.go_on()
-    while interview.work():
-        pass
+    worked(interview)
     assert interview.now().question is not None
     assert not interview.known.screened().told_result
     assert interview.known.outlook is None or interview.known.outlook.result == ()
@@ -272,8 +261,7 @@ def test_an_error_in_what_is_said_of_a_result_leaves_the_rest(monkeypatch):
     interview = explained(screening(n_max=3))
     while interview.now().phase is not Phase.OVER:
         answered(interview, Choice.LEFT)
-    while interview.work():
-        pass
+    worked(interview)
     assert interview.known.screened().told_result
     assert len(interview.known.screened().bank) > 0
 
@@ -285,8 +273,7 @@ def test_at_the_end_a_smaller_change_than_from_the_given_start_is_looked_for(cha
     while interview.now().phase is not Phase.OVER:
         answered(interview, Choice.LEFT if interview.now().question.left.challenger else Choice.RIGHT)
     assert not interview.known.screened().told_result
-    while interview.work():
-        pass
+    worked(interview)
     screened = interview.known.screened()
     assert screened.told_result
     best = np.array(interview.now().state.history.samples[interview.now().incumbent].theta)

@@ -1,7 +1,6 @@
 """Simulations for an agent: the same with any workers, failures counted, and given up at once."""
 
 import threading
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -43,32 +42,11 @@ def test_any_number_of_workers_gives_the_same(alone, jobs):
         assert simulator(THETAS[3]) == alone[3]
 
 
-def test_a_built_in_scenario_gives_the_same_in_workers():
-    scenario = load("servo")
-    z = np.random.default_rng(1).random((12, len(scenario.space)))
-    thetas = list(scenario.space.decode_all(z))
-    with Simulator(scenario, seed=3, jobs=1) as simulator:
-        assert simulator.many(thetas) == Simulator(scenario, seed=3, jobs=0).many(thetas)
-
-
 def test_an_own_scenario_loads_its_file_in_each_worker(alone):
     with isolation(SOURCE, early=False) as isolated:
         scenario = isolated(load(SOURCE))
         with Simulator(scenario, jobs=2) as simulator:
             assert simulator.many(THETAS) == alone
-
-
-def test_an_agent_learns_from_kpis_with_a_direction(alone):
-    calm = next(kpis for kpis, theta in zip(alone, THETAS, strict=True) if 0.1 < theta[0] < 0.9)
-    assert set(calm) == {"slow", "rough"}
-
-
-def test_without_any_direction_it_learns_from_the_trajectory():
-    bare = replace(unseen, kpis=())
-    with Simulator(bare, jobs=1) as simulator:
-        (found,) = simulator.many([np.array([0.5, 0.5])])
-    assert len(found) > 1
-    assert not {"slow", "rough", "mood"} & set(found)
 
 
 def test_failures_are_counted_and_not_repeated(monkeypatch):

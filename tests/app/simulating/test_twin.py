@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from prefcal_app.simulating import named_twin, twin_of
+from prefcal_app.simulating import twin_of
 from prefcal_env.errors import SettingsError
 from support.twins import model, other_knobs, plant, renamed
 
@@ -28,11 +28,6 @@ def test_a_twin_takes_the_ranges_of_the_plant():
 def test_a_scenario_that_cannot_be_the_twin_is_refused(wrong, complaint):
     with pytest.raises(SettingsError, match=complaint):
         twin_of(plant, wrong)
-
-
-def test_studies_without_a_twin_name_none():
-    assert named_twin({"agent": "glisp"}) is None
-    assert named_twin({"options": {"twin": "lag"}}) == "lag"
 
 
 def test_a_plant_needs_kpis_with_a_direction_if_its_twin_has_some():

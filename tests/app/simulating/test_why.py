@@ -13,25 +13,24 @@ from prefcal_scenarios.scenario import KPI
 from support.looks import toy
 
 BETTER = Reason(0.64, ("final",), ("t_f",))
+COSTS = "final level nearer to its target, but higher settling time t_f"
+CHANCE = "(chance that you prefer it: 64 %)"
 
 
-def test_it_names_what_is_better_and_what_that_costs():
-    assert why(BETTER, toy, side="Left") == (
-        "Left has final level nearer to its target, but higher settling time t_f (chance that "
-        "you prefer it: 64 %)."
-    )
-
-
-def test_before_anything_is_learned_no_preference_and_no_chance_is_claimed():
-    assert why(BETTER, toy, side="Left", learned=False) == (
-        "Nothing learned yet: left has final level nearer to its target, but higher settling time t_f."
-    )
-
-
-def test_a_requested_one_is_shown_since_it_was_asked_for():
-    said = why(BETTER, toy, side="Right", requested=True)
-    assert said.startswith("Right is shown because you asked for it: it has final level nearer")
-    assert "answers" not in said
+@pytest.mark.parametrize(
+    ("case", "words"),
+    [
+        ({}, f"Right has {COSTS} {CHANCE}."),
+        ({"learned": False}, f"Nothing learned yet: right has {COSTS}."),  # and no chance is claimed
+        ({"requested": True}, f"Right is shown because you asked for it: it has {COSTS} {CHANCE}."),
+        (
+            {"missed": ["final level"]},
+            f"Right has {COSTS} {CHANCE}. It misses the objective for final level.",
+        ),
+    ],
+)
+def test_it_names_what_is_better_what_that_costs_and_why_it_is_shown(case, words):
+    assert why(BETTER, toy, side="Right", **case) == words
 
 
 @pytest.mark.parametrize(
@@ -47,14 +46,6 @@ def test_a_requested_one_is_shown_since_it_was_asked_for():
 def test_every_kpi_has_words(better, worse, words):
     said = why(Reason(0.5, better, worse), toy)
     assert said == f"This one {words} (chance that you prefer it: 50 %)."
-
-
-def test_objectives_that_only_the_new_one_misses_are_named():
-    said = why(Reason(0.5, ("t_f",), ()), toy, side="Left", missed=["final level"])
-    assert said == (
-        "Left has lower settling time t_f (chance that you prefer it: 50 %). It misses the "
-        "objective for final level."
-    )
 
 
 def test_the_knobs_that_can_stay_are_named():
@@ -122,17 +113,19 @@ def test_candidates_are_named_by_what_they_gain_and_by_different_kpis():
     }
 
 
-def test_what_was_wanted_is_said_with_its_certainty_and_without_a_limit():
-    assert wanted({}, toy) == ""
-    assert wanted({"t_f": 0.981}, toy) == "The answers fit these wishes: lower settling time t_f (98 %)."
-    assert wanted({"t_f": 0.9, "iae": 0.85, "final": 0.8}, toy) == (
-        "The answers fit these wishes: lower settling time t_f (90 %), lower iae (85 %) and final level "
-        "nearer to its target (80 %)."
-    )
-
-
-def test_a_kpi_that_should_be_high_is_wanted_higher():
-    scenario = SimpleNamespace(kpis=(KPI("margin", "stability margin", "dB", better="higher"),))
-    assert wanted({"margin": 0.9}, scenario) == (
-        "The answers fit these wishes: higher stability margin (90 %)."
-    )
+@pytest.mark.parametrize(
+    ("wishes", "words"),
+    [
+        ({"t_f": 0.981}, "lower settling time t_f (98 %)"),
+        (
+            {"t_f": 0.9, "iae": 0.85, "final": 0.8},
+            "lower settling time t_f (90 %), lower iae (85 %) and final level nearer to its target (80 %)",
+        ),
+        ({"margin": 0.9}, "higher stability margin (90 %)"),
+    ],
+)
+def test_what_was_wanted_is_said_with_its_certainty_and_without_a_limit(wishes, words):
+    margin = KPI("margin", "stability margin", "dB", better="higher")
+    scenario = SimpleNamespace(kpis=(*toy.kpis, margin))
+    assert wanted(wishes, scenario) == f"The answers fit these wishes: {words}."
+    assert wanted({}, scenario) == ""

@@ -14,7 +14,7 @@ from prefcal_app.cli.checkup import Checkup
 from prefcal_app.report.pictures import alone
 from prefcal_app.view.question import largest_difference
 from prefcal_env.errors import ScenarioError
-from prefcal_env.experiments.panels import maneuvers_of
+from prefcal_env.experiments.panels import maneuvers_of, without_record
 from prefcal_env.study import export_csv
 from prefcal_scenarios import KPI
 from prefcal_scenarios.own import module_at
@@ -79,10 +79,7 @@ def test_two_runs_side_by_side_have_rows_for_every_maneuver(tank, pair):
 
 
 def test_one_side_that_left_no_record_has_no_curves_in_any_maneuver(tank, pair):
-    arrays = ("t", "x", "u", "t_control", "u_control", "y_ref", "iterations", "solve_time", "solved")
-    nothing = {name: getattr(pair[0], name)[:0] for name in arrays}
-    failed = replace(pair[0], **nothing, y=None, runs=(), kpis={}, signals={})
-    parts = maneuvers_of(failed, pair[1])
+    parts = maneuvers_of(without_record(pair[0]), pair[1])
     assert list(parts) == ["step", "load", "warm"]
     assert all(len(left.t) == 0 < len(right.t) for left, right in parts.values())
     panels = panels_of(tank, *parts["step"])

@@ -25,9 +25,3 @@ def test_each_question_has_its_reason_and_after_an_answer_the_offer():
     assert WHY in second
     assert "simulated is better than the best so far is 8 %" in second
     assert OFFER in second
-
-
-def test_where_are_we_tells_what_the_simulations_promise():
-    out = talk(screening(), "llwx", width=200)
-    assert "simulated is better than the best so far is 8 %" in out.partition("Saved: left.")[2]
-    assert "would bring nothing better" not in out

@@ -48,16 +48,10 @@ def test_the_reason_names_the_side_of_the_new_one_and_blind_hides_it(says):
     assert told(interview, blind=True)["why"] == ""
 
 
-def test_without_a_reason_there_is_no_sentence_but_a_request_is_said(monkeypatch):
+def test_without_a_reason_there_is_no_sentence(monkeypatch):
     monkeypatch.setattr(Screening, "reason", property(lambda agent: None))
     interview = explained(screening())
     assert told(interview)["why"] == ""
-    interview.steps.ask_for(WANTED)
-    explained(interview)
-    assert told(interview)["why"] in (
-        "Left is shown because you asked for it.",
-        "Right is shown because you asked for it.",
-    )
 
 
 def test_a_follow_up_is_about_two_that_were_seen(says):

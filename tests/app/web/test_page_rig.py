@@ -99,18 +99,6 @@ def test_a_rigs_records_are_dropped_refused_and_compared(browser, command, own):
     assert watched.errors == []
 
 
-def test_a_record_that_takes_days_is_waited_for(browser, command, own):
-    served, watched = command("own.py:rig", n_max=4), Watched(browser)
-    watched.page.goto(served.link)
-    watched.phase("record")
-    served.kill()
-    theta = watched.page.inner_text("#view-record .values")
-    again = command("own.py:rig", n_max=4)
-    watched.page.goto(again.link)
-    watched.phase("record")
-    assert watched.page.inner_text("#view-record .values") == theta
-
-
 def test_a_plant_that_breaks_down_is_tried_again(browser, command, own):
     served, watched = command("own.py:pump", n_max=4), Watched(browser)
     watched.open(served.link)

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from dataclasses import replace
 
 import pytest
 
@@ -10,6 +11,7 @@ from prefcal_app.web import api
 from prefcal_env.disk import digest_of
 from prefcal_env.errors import ScenarioError, StaleError
 from prefcal_scenarios.verification.result import BEST, Verified, WorstRun
+from support.verified import FOUND
 from support.windows import make_room
 
 
@@ -20,23 +22,13 @@ def folder(tmp_path):
 
 
 def said_of(folder):
-    return Verified(
+    return replace(
+        FOUND,
         statement="2 of 2 runs keep the stated limits.",
-        limits_kept="Stated limits: a safe end.",
-        share=1.0,
-        bound=0.7,
         runs=2,
         planned=2,
-        baseline="current tuning",
-        kpis=(("overshoot [%]", "≤ 5", "1", "0", "2", "7", "5", "9"),),
-        margins=(("phase margin [°]", "60", "44"),),
-        basis="margins of the law",
         effects=tuple(f"effect {k}" for k in range(9)),
         worst=(WorstRun("within the limits", {"dead time": 7.1234567}, 3, units={"dead time": "s"}),),
-        varied=("dead time 4.8 to 7.2 s",),
-        left_out=("sampling jitter is not varied",),
-        scenario="lag",
-        version="1",
         best=digest_of(folder / BEST),
     )
 

@@ -82,21 +82,7 @@ def test_an_output_may_be_a_signal_and_one_that_is_neither_is_left_out():
 
 
 def test_without_a_record_or_with_holes_nothing_is_said():
-    nothing = run([6.0, 4.0, 1.0])
-    empty = replace(
-        nothing,
-        t=np.zeros(0),
-        x=np.zeros((0, 1)),
-        u=np.zeros((0, 1)),
-        t_control=np.zeros(0),
-        u_control=np.zeros((0, 1)),
-        y_ref=np.zeros((0, 1)),
-        iterations=np.zeros(0, int),
-        solve_time=np.zeros(0),
-        solved=np.zeros(0, bool),
-        end=End.FAILED,
-    )
-    assert tracking_kpis(empty) == {}
+    assert tracking_kpis(without_record(replace(run([6.0, 4.0, 1.0]), end=End.FAILED))) == {}
     assert not any("error" in name for name in tracking_kpis(run([1.0, 2.0, 3.0], reference=np.nan)))
 
 

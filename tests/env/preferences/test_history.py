@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prefcal_agents import GLISp, RandomSearch
 from prefcal_env import Answer, Knob, KnobSpace, Mark
 from prefcal_env.errors import KnobError, ProtocolError
 from prefcal_env.preferences.answer import Outcome
@@ -208,20 +207,3 @@ def test_a_sample_keeps_its_theta_in_another_space():
     assert History((sample,)).moved(SPACE, SPACE).samples == (sample,)
     with pytest.raises(KnobError):
         History((sample,)).moved(SPACE, KnobSpace([Knob("a", 1.0, 5.0, "s", scale="log10")]))
-
-
-@pytest.mark.parametrize("kind", [RandomSearch, GLISp])
-def test_an_agent_restored_from_a_record_with_circumstances_asks_the_same(kind):
-    agent = kind(SPACE, n_init=3, n_max=9, seed=1)
-    while agent.state.history.answered < 5:
-        agent.tell(agent.ask(), -1 if agent.state.history.answered % 2 else 1)
-    state = agent.state
-    bare = state.history
-    seen = [
-        Comparison(c.challenger, c.incumbent, c.answer, c.after, c.retracted, k, "noon", k)
-        for k, c in enumerate(bare.comparisons, start=1)
-    ]
-    full = History(bare.samples, tuple(seen), bare.follow_ups)
-    twin = kind.restore(SPACE, type(state).of(state.configuration(), full))
-    assert twin.ask() == agent.ask()
-    assert twin.state == state

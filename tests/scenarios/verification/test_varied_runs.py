@@ -9,9 +9,9 @@ import pytest
 from prefcal_env import Channel, Experiment, Knob, KnobSpace, recorded
 from prefcal_env.errors import KnobError, ScenarioError, SettingsError
 from prefcal_scenarios import KPI, Scenario, load
-from prefcal_scenarios.verification import Factor, replay, verify
+from prefcal_scenarios.verification import replay, verify
 from prefcal_scenarios.verification.loops import subject_of
-from prefcal_scenarios.verification.plants import drawn, within
+from prefcal_scenarios.verification.plants import within
 from prefcal_scenarios.verification.result import Verified, most_probable
 
 SPACE = KnobSpace([Knob("gain", 0.0, 10.0)])
@@ -40,16 +40,6 @@ def test_the_bound_is_that_of_clopper_and_pearson(failed, count, bound):
 
 def test_299_good_runs_show_less_than_one_percent_and_298_do_not():
     assert most_probable(0, 299) < 0.01 < most_probable(0, 298)
-
-
-@pytest.mark.parametrize("chance", [0.005, 0.02])
-def test_the_statement_is_right_in_95_of_100_verifications(chance):
-    factor, repetitions = [Factor("x", "parameter", 0.5, 0.0, 1.0)], 200
-    right = 0
-    for seed in range(repetitions):
-        failed = sum(drawn(factor, seed, k)["x"] < chance for k in range(100))
-        right += most_probable(failed, 100) >= chance
-    assert right >= 0.95 * repetitions - 2 * np.sqrt(repetitions * 0.05 * 0.95)
 
 
 def test_numbers_among_the_arguments_of_a_run_vary_and_limits_are_counted():

@@ -41,6 +41,7 @@ from support.varied_loops import (
     middle,
     varied,
 )
+from support.verified import FOUND
 
 
 @pytest.mark.parametrize("name", CLOSED_LOOPS)
@@ -426,27 +427,6 @@ def test_an_objective_is_a_limit_as_people_read_it():
     assert counted(lambda theta, run: {"time": 0.9 + 0.1 * run}, reading=reading)[0] == [1]
     assert counted(lambda theta, run: {"time": 1.04}, reading=reading)[0] == [40]
     assert counted(lambda theta, run: {"time": 1.2}, reading=reading)[0] == [40]
-
-
-FOUND = Verified(
-    statement="299 of 299 runs keep the stated limits.",
-    limits_kept="Stated limits: a safe end.",
-    share=1.0,
-    bound=0.01,
-    runs=299,
-    planned=299,
-    baseline="current tuning",
-    kpis=(("overshoot [%]", "≤ 5", "1", "0", "2", "7", "5", "9"),),
-    margins=(("phase margin [°]", "60", "44"),),
-    basis="The unconstrained law.",
-    effects=("dead time (4.8 to 7.2 s): overshoot by 40 % of its range in all runs",),
-    worst=(WorstRun("within the limits", {"dead time": 7.1}, 3, "acceptable"),),
-    varied=("dead time 4.8 to 7.2 s",),
-    left_out=("Sampling jitter is not varied.",),
-    scenario="lag",
-    version="1.0",
-    best="",
-)
 
 
 FACTORS = (

@@ -10,7 +10,6 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import httpx
 import pytest
 
-from prefcal_agents import Screening
 from prefcal_app import ask
 from prefcal_app.worlds import notebook as asking_module
 from prefcal_env.errors import SettingsError, StudyError
@@ -130,24 +129,6 @@ def test_a_study_that_goes_on_is_not_over_and_gets_a_new_report_at_its_new_end()
             pass
         assert asking.wait(30)
         assert len(reported(asking, "comparisons.csv").splitlines()) == 1 + 5
-
-
-def test_a_person_need_not_answer_everything_but_a_calibrator_does(monkeypatch):
-    monkeypatch.setattr(Screening, "has_enough", lambda agent, history: len(history.lessons()) >= 1)
-    options = {"agent": "screening", "n_max": 4, "simulate": 40}
-    simulated = replace(toy_scenario(), simulated=True)
-    with ask(simulated, **options) as asking, page_of(asking) as client:
-        assert answer(client)
-        assert asking.wait(30)
-        assert client.get("/api/now").json()["over"]["reason"] == "little is left to gain"
-        assert len(asking.to_frame(answers=True)) == 1
-        asking._interview.steps.go_on()
-        while answer(client):
-            pass
-        assert len(asking.to_frame(answers=True)) == 3
-    with ask(simulated, calibrator="latent", **options) as asking:
-        assert asking.wait(30)
-        assert len(asking.to_frame(answers=True)) == 3
 
 
 def test_close_wakes_whoever_waits_for_a_person():

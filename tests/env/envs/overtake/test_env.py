@@ -1,8 +1,6 @@
 """The overtaking: section IV-B, exact in time, with its rules and its scenes in plain data."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +16,7 @@ from prefcal_env.experiments.experiment import End
 from prefcal_env.plants.bicycle import KMH
 from prefcal_scenarios.cases.overtake import compute_kpis
 from prefcal_scenarios.cases.overtake.controller import STEERING_LIMITS, controller
+from support.new_process import in_a_new_process
 
 sampling_times = st.floats(0.085, 0.5)
 LEFT = {"x0": (0.0, 3.0, 0.0)}
@@ -179,14 +178,12 @@ def test_a_wrong_input_or_one_out_of_turn_is_refused():
 
 def test_an_experiment_in_the_papers_scene_loads_neither_highway_env_nor_pygame():
     code = (
-        "import sys, numpy as np\n"
+        "import numpy as np\n"
         "from prefcal_scenarios import load\n"
         "e = load('overtake').run(np.array([0.3, 0.5, 12, -1, 1]))\n"
         "print({'highway_env', 'pygame', 'matplotlib'} & set(sys.modules))"
     )
-    program = f"import sys; sys.path[:0] = {sys.path!r}\n{code}"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "set()"
+    assert in_a_new_process(code) == "set()"
 
 
 BEFORE = np.load(Path(__file__).parent / "before.npz")

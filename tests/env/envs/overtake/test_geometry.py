@@ -69,12 +69,6 @@ def test_bodies_overlap_when_they_share_a_point(a, b):
 
 
 @given(a=poses, b=poses)
-def test_bodies_are_never_closer_than_their_separation(a, b):
-    points = boundary(a)[:, None] - boundary(b)[None]
-    assert np.hypot(*np.moveaxis(points, -1, 0)).min() >= separation(a, b)[0] - 1e-9
-
-
-@given(a=poses, b=poses)
 def test_the_distance_is_that_of_the_nearest_points(a, b):
     points = boundary(a)[:, None] - boundary(b)[None]
     nearest = np.hypot(*np.moveaxis(points, -1, 0)).min()

@@ -463,13 +463,6 @@ def test_real_time_comes_before_everything_and_the_smaller_excess_is_better(monk
     assert JUDGE.decide(crashed, late)[1].name.startswith("(i) ")
 
 
-def test_a_run_that_crashed_loses_and_the_longer_survived():
-    fine, crashed = outcome(overshoot=2.0), outcome(end=End.UNSAFE, T_s=0.1)
-    later = outcome(end=End.UNSAFE, T_s=0.2)
-    assert JUDGE.prefer(crashed, fine) is Preference.INCUMBENT
-    assert JUDGE.prefer(later, crashed) is Preference.CHALLENGER
-
-
 def test_more_distance_than_enough_is_not_noticed():
     assert JUDGE.prefer(outcome(lateral_distance=4.0), outcome()) is Preference.TIE
     below = outcome(lateral_distance=SHORTEST_DISTANCE - 1e-3)

@@ -1,0 +1,23 @@
+"""What a verification found, for tests of what is kept and shown of it."""
+
+from prefcal_scenarios.verification.result import Verified, WorstRun
+
+FOUND = Verified(
+    statement="298 of 299 runs keep the stated limits.",
+    limits_kept="Stated limits: a safe end.",
+    share=0.99,
+    bound=0.02,
+    runs=299,
+    planned=299,
+    baseline="current tuning",
+    kpis=(("overshoot [%]", "≤ 5", "1", "0", "2", "7", "5", "9"),),
+    margins=(("gain margin [dB]", "12", "8"), ("phase margin [°]", "60", "44")),
+    basis="the unconstrained law",
+    effects=("dead time (4.8 to 7.2 s): overshoot",),
+    worst=(WorstRun("settling time misses its objective", {"dead time": 7.1}, 3, "acceptable"),),
+    varied=("dead time 4.8 to 7.2 s", "noise of the sensors 0 to 0.2 %"),
+    left_out=("Sampling jitter is not varied",),
+    scenario="toy",
+    version="1.0",
+    best="",
+)
