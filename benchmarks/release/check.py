@@ -28,7 +28,7 @@ DISTRIBUTIONS: Mapping[str, tuple[Path, tuple[str, ...]]] = {
     "prefcal_bench": (ROOT / "benchmarks", ("prefcal_bench",)),
 }
 """Folders of the distributions, and their packages."""
-LIMITS = {("-c", "import prefcal_env"): 0.4, ("-m", "prefcal_app", "--help"): 0.25}
+LIMITS = {("-c", "import prefcal_env"): 0.4, ("-m", "prefcal_app", "--help"): 0.4}
 """Processor seconds that starting may cost."""
 
 COMMANDS = """

@@ -140,7 +140,7 @@ def _given(calibrator: Calibrator[Experiment], question: Question) -> Answer:
 
 
 def _lost(interview: Interview, before: int, failed: Callable[[str], None]) -> bool:
-    """Count a run that raised, crashed or took too long as failed; return whether there was one.
+    """Count a run that crashed or took too long as failed; return whether there was one.
 
     `before` is the number of such runs in a row so far. Any other problem is raised.
     """
@@ -150,7 +150,7 @@ def _lost(interview: Interview, before: int, failed: Callable[[str], None]) -> b
     try:
         interview.raise_problem()
     except RunError as error:
-        if error.why not in (*UNBIDDEN, "raised") or before + 1 >= _MOST_LOST or now.pending is None:
+        if error.why not in UNBIDDEN or before + 1 >= _MOST_LOST or now.pending is None:
             raise
         failed(f"Experiment {now.pending.index + 1} failed: {error}")
         interview.steps.fail(now.pending.index, str(error))

@@ -117,19 +117,6 @@ def test_a_theta_whose_cost_is_unknown_has_failed_and_the_study_goes_on(prefcal,
 
 
 @pytest.mark.usefixtures("own_process")
-def test_a_run_whose_kpi_raises_at_some_theta_has_failed_and_the_study_goes_on(prefcal, own, tmp_path):
-    text = """
-def run(theta, seed=0):
-    made = t.run(theta, seed)
-    return made.with_kpis({**made.kpis, 'ratio': 1 / 0 if theta[1] > 20 else 2.0})
-own = replace(t.toy, run=run, references={}, kpis=(*t.toy.kpis, t.KPI('ratio', 'ratio', better='lower')))
-"""
-    code, _, err = prefcal("calibrate", own(text), *SYNTHETIC, "--agent", "random", "--n-max", "6")
-    assert code == 0, err
-    assert "failed: ZeroDivisionError" in err
-
-
-@pytest.mark.usefixtures("own_process")
 def test_ctrl_c_that_compiled_code_turned_into_another_error_is_still_ctrl_c(prefcal, own):
     text = """
 def run(theta, seed=0):
