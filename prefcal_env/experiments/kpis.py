@@ -387,9 +387,11 @@ def found_kpis(channels: Channels, measured: Iterable[str] | None = None) -> tup
     there = [n for n in every if measured is None or n in measured]
     if not any(name.startswith(tuple(kind for kind, *_ in OF_OUTPUT)) for name in there):
         return ()  # nothing is tracked: moves alone would ask for a controller that does nothing
-    # As they are shown
+    # As they are shown; what needs a load or a ramp is found where there is one.
     kinds = ["settling time", "recovery time", "overshoot", "lag", "integrated error", "total move"]
-    for kind in ("", "integrated error", "overshoot", "total move"):  # left out until people can read them
+    kinds = [kind for kind in kinds if measured is not None or kind not in ("recovery time", "lag")]
+    # Left out until people can read them
+    for kind in ("", "lag", "recovery time", "integrated error", "overshoot", "total move"):
         kinds = [k for k in kinds if k != kind]
         names = [n for k in kinds for n in there if n.startswith(f"{k} of ")]
         if len(names) <= 10:
