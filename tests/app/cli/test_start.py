@@ -21,8 +21,8 @@ from prefcal_env.knobs import LinearConstraint
 old = load({TOY!r})
 grown = replace(old, name="grown", references={{}},
                 space=KnobSpace([*old.space, Knob("filter", 1.0, 5.0, "s")]))
-seconds = replace(old, name="seconds", references={{}},
-                  space=KnobSpace([Knob("T_s", 900, 5400, "s"), *old.space.knobs[1:]]))
+metered = replace(old, name="metered", references={{}},
+                  space=KnobSpace([Knob("T_s", 900, 5400, "m"), *old.space.knobs[1:]]))
 refused = replace(old, name="refused", references={{}},
                   space=KnobSpace(old.space.knobs, [LinearConstraint("short", {{"T_s": 1}}, 0.3)]))
 """
@@ -88,7 +88,7 @@ def test_experiments_of_another_study_begin_a_study_that_needs_its_file_no_more(
         (TOY, "mine:9", "has no experiment 9; there are 1, 2, 3, 4, 5, 6"),
         (TOY, "empty:best", "has no experiment best; there are none"),
         ("other.py:grown", "mine:best", "study 'mine' has no knobs ['filter']: give every knob"),
-        ("other.py:seconds", "mine:best", "'T_s' was in 'h' in the earlier study"),
+        ("other.py:metered", "mine:best", "'T_s' was in 'h' in the earlier study"),
         ("other.py:refused", "mine:best", "the constraints refuse the θ of mine:best"),
     ],
 )
