@@ -47,12 +47,12 @@ def test_a_rigs_records_are_dropped_refused_and_compared(browser, command, own):
     assert "Experiment 1" in page.inner_text("#record-title")
     assert "Open the tap." in page.inner_text("#view-record")
     assert "level <h> [m]" in page.inner_text("#view-record")
-    bad = {"name": "bad.csv", "mimeType": "text/csv", "buffer": b"time [s],valve [%]\n0,1\n1,2\n"}
+    bad = {"name": "bad.csv", "mimeType": "text/csv", "buffer": b"time [m],valve [%]\n0,1\n1,2\n"}
     page.set_input_files("#record-file", bad)
     page.wait_for_selector(".refused:not([hidden])")
     told = page.inner_text(".refused")
     assert "column 'level <h>' is missing" in told
-    assert "column 'time' is in s, expected h" in told
+    assert "column 'time' is in m, expected h" in told
     watched.shot("rig-refused")
     assert served.state.finished == {}
     good = {"name": "good.csv", "mimeType": "text/csv", "buffer": record_of_toy().encode()}
