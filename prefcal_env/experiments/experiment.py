@@ -60,7 +60,9 @@ OF_OUTPUT: tuple[Kind, ...] = (
     ("lag", "{time}", "Time by which the curve trails a ramp of its reference."),
     ("recovery time", "{time}", "Time from a load until the curve stays in the band around its reference."),
 )
-"""Kinds of each output with a reference; the last two need a ramp and a load."""
+"""Kinds of each output with a reference."""
+SOMETIMES = ("lag", "recovery time")
+"""Those that need a ramp or a load, so that no run promises them."""
 OF_INPUT: tuple[Kind, ...] = (
     ("total move", "{unit}", "Sum of all changes of the input: how much the actuator works."),
     ("largest move", "{unit}", "Largest change of the input from one instant to the next."),

@@ -13,7 +13,7 @@ from prefcal_env.errors import ScenarioError
 from prefcal_env.wording import did_you_mean
 
 from .events import Response
-from .experiment import OF_INPUT, OF_OUTPUT, Channel, Channels, Experiment, kinds_of
+from .experiment import OF_INPUT, OF_OUTPUT, SOMETIMES, Channel, Channels, Experiment, kinds_of
 from .panels import output_called, plot_called
 
 # --- Compute a KPI by a formula of a run's signals, such as "max(level) - ref(level)".
@@ -389,7 +389,7 @@ def found_kpis(channels: Channels, measured: Iterable[str] | None = None) -> tup
         return ()  # nothing is tracked: moves alone would ask for a controller that does nothing
     # As they are shown; what needs a load or a ramp is found where there is one.
     kinds = ["settling time", "recovery time", "overshoot", "lag", "integrated error", "total move"]
-    kinds = [kind for kind in kinds if measured is not None or kind not in ("recovery time", "lag")]
+    kinds = [kind for kind in kinds if measured is not None or kind not in SOMETIMES]
     # Left out until people can read them
     for kind in ("", "lag", "recovery time", "integrated error", "overshoot", "total move"):
         kinds = [k for k in kinds if k != kind]

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from prefcal_env.errors import KnobError, LiveError, ScenarioError, SettingsError
+from prefcal_env.experiments.experiment import SOMETIMES
 from prefcal_env.experiments.kpis import every_tracking_kpi, found_kpis
 from prefcal_env.knobs import Knob
 from prefcal_env.worlds.live import live_rig
@@ -29,6 +30,7 @@ def described(d: Description, knobs: list[Knob], where: str) -> Scenario:
         rig = live_rig(d.of)
     except (KnobError, LiveError, SettingsError) as error:
         raise ScenarioError(f"{where}, [opcua]: {error}") from error
-    kpis = found_kpis(rig.channels, every_tracking_kpi(rig.channels))
+    sure = (name for name in every_tracking_kpi(rig.channels) if not name.startswith(SOMETIMES))
+    kpis = found_kpis(rig.channels, tuple(sure))
     name = Path(where).stem
     return Scenario(name, f"Live plant {name}", rig.space, rig, kpis=kpis)
