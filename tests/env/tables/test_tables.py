@@ -452,7 +452,7 @@ def test_a_reference_that_changes_is_drawn_and_counts():
     e = recorded(1.0, T, {"level": T}, None, {"level": ([0.0, 5.0], [0.0, 5.0])})
     assert e.channels.y[0].target is None
     assert np.array_equal(e.y_ref[:, 0], np.where(T < 5, 0.0, 5.0))
-    assert e.kpis["integrated error of level"] == 0 + 1 + 2 + 3 + 4 + 0 + 1 + 2 + 3 + 4
+    assert e.kpis["integrated error of level"] == 12.5 + 12.5  # two triangles
     (plot, *_) = plots_of(e.channels, e.signals)
     assert (plot.name, plot.reference) == ("level", "level ref")
     assert Panel("level").plot(e).reference == "level ref"
