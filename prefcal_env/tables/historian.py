@@ -15,7 +15,7 @@ from .sheet import Sheet, is_bad, with_gaps
 from .times import clock_of, other_times
 
 NO_HEADING = "no heading"
-_COUNTERS = re.compile(r"|unnamed: \d+|index|no\.?|nr\.?|#|row|record|sample", re.IGNORECASE)
+_COUNTERS = re.compile(r"|unnamed: [\d.]+|index|no\.?|nr\.?|#|row|record|sample", re.IGNORECASE)
 """What columns of row numbers are called: often nothing, which pandas reads as "Unnamed: 0"."""
 
 

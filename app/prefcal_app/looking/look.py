@@ -346,9 +346,9 @@ def _references(sheet: Sheet, about: TableColumns, names: Mapping[str, int]) -> 
     }
     for name, text in about.reference.items():
         try:
-            found[name] = float(text)
+            found[name] = sheet.headings[names[text]] if text in names else float(text)
         except ValueError:
-            found[name] = sheet.headings[names[text] if text in names else sheet.column(text, "")]
+            found[name] = sheet.headings[sheet.column(text, "")]
     return found
 
 
