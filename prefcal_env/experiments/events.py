@@ -66,9 +66,10 @@ def _begun(
     Noise decides nothing: a start that it explains is no event. A change takes place at the first
     row that has it.
     """
-    error, noise = float(np.abs(y - r).max()), noise_of(t, y)
+    error, noise = float(np.abs(y - r).max()), noise_of(t, y - r)
     scale = max([error, *(abs(float(r[last] - r[first - 1])) for first, last in changes)])
-    away = abs(float(y[0] - r[0])) > max(_LEAST * scale, min(_SURE * noise, _LOUD * scale))
+    least = max(_LEAST * scale, min(_SURE * noise, _LOUD * scale))
+    away = scale > _SURE * noise and abs(float(y[0] - r[0])) > least
     found = []
     for (first, last), (end, _) in pairwise([(0, 0), *changes, (len(t), 0)]):
         kind: Kind | None = "step" if last - first < 2 else "ramp"

@@ -194,10 +194,9 @@ def _of_numbers(sheet: Sheet, column: int, wanted: str, given: str | None, said:
     counted = None if bracketed or spelled else _counted(found)
     if counted is not None and given in ("ns", "us", "ms"):
         counted = None  # it may be the time since a start
-    source, doubted = bracketed or spelled or counted or given, False
-    if source is None:
-        doubted = _doubted(name, found, plain=words in (["time"], ["t"], ["index"], []))
-        source = "s"
+    source, doubted = bracketed or spelled or counted or given or "s", False
+    if not (bracketed or spelled or counted) and source == "s":  # who wants seconds may have others
+        doubted = _doubted(name, found, plain=words in (["time"], ["t"], ["index"], [])) and given is None
     _check_order(sheet, found, source)
     if source == wanted:
         t = found
