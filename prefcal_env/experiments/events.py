@@ -1,9 +1,9 @@
 """Find what happens in a run, its events, and measure how an output responds to each of them.
 
-docs/kpis.md shows the definitions with pictures.
+docs/tracking.md shows the definitions with pictures.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
@@ -58,16 +58,18 @@ class _Begun:
     band: float
 
 
-def _begun(t: Curve, y: Curve, r: Curve, band: float | None, noise: float) -> tuple[list[_Begun], float]:
-    """Return what begins in a record, and the largest error or change in it.
+def _begun(
+    t: Curve, y: Curve, r: Curve, band: float | None, changes: Sequence[tuple[int, int]]
+) -> tuple[list[_Begun], float]:
+    """Return what begins in a record with these changes, and the largest error or change in it.
 
-    Noise decides nothing: a start that it explains is no event, nor is a change of the reference
-    that is small beside the others. A change takes place at the first row that has it.
+    Noise decides nothing: a start that it explains is no event. A change takes place at the first
+    row that has it.
     """
-    error = float(np.abs(y - r).max())
-    changes = list(_changes(t, r, error))
+    error, noise = float(np.abs(y - r).max()), noise_of(t, y - r)
     scale = max([error, *(abs(float(r[last] - r[first - 1])) for first, last in changes)])
-    away = abs(float(y[0] - r[0])) > max(_LEAST * scale, min(_SURE * noise, _LOUD * scale))
+    least = max(_LEAST * scale, min(_SURE * noise, _LOUD * scale))
+    away = scale > _SURE * noise and abs(float(y[0] - r[0])) > least
     found = []
     for (first, last), (end, _) in pairwise([(0, 0), *changes, (len(t), 0)]):
         kind: Kind | None = "step" if last - first < 2 else "ramp"
@@ -82,9 +84,12 @@ def _begun(t: Curve, y: Curve, r: Curve, band: float | None, noise: float) -> tu
     return found, scale
 
 
-def _changes(t: Curve, r: Curve, error: float) -> Iterator[tuple[int, int]]:
-    """Yield the first and the last row of each change of a reference in one direction."""
-    moves = np.diff(r)
+def _changes(t: Curve, y: Curve, r: Curve) -> Iterator[tuple[int, int]]:
+    """Yield the first and the last row of each change of a reference in one direction.
+
+    One that is small beside the others, or beside its noise, is none.
+    """
+    moves = np.diff(_without_noise(r, noise_of(t, r)))
     rows = np.flatnonzero(np.abs(moves) > _STILL * max(np.abs(r).max(), np.ptp(r))) + 1
     pause = _TOGETHER * (t[-1] - t[0])
     groups: list[list[int]] = []
@@ -95,10 +100,25 @@ def _changes(t: Curve, r: Curve, error: float) -> Iterator[tuple[int, int]]:
         else:
             groups.append([row])
     sizes = [abs(float(r[group[-1]] - r[group[0] - 1])) for group in groups]
+    largest = max([float(np.abs(y - r).max()), *sizes])
     for group, size in zip(groups, sizes, strict=True):
-        # What changes at the very end leaves no time to follow: the set point is taken away there.
-        if size > _LEAST * max(error, *sizes) and t[-1] - t[group[0]] > pause:
+        if size > _LEAST * largest:
             yield group[0], group[-1]
+
+
+def _without_noise(r: Curve, noise: float) -> Curve:
+    """Return a reference that changes only where noise, the same before and after, does not explain it."""
+    held = r.copy()
+    for k in range(1, len(r) if noise else 0):
+        if abs(r[k] - held[k - 1]) <= _SURE * np.sqrt(2) * noise:
+            held[k] = held[k - 1]
+    return held
+
+
+def _is_taken_away(t: Curve, y: Curve, r: Curve, first: int) -> bool:
+    """Return whether a reference changes at the very end, and the output does not follow it any more."""
+    late = first > 1 and t[-1] - t[first] <= _TOGETHER * (t[-1] - t[0])
+    return bool(late and abs(y[-1] - r[-1]) > abs(y[-1] - r[first - 1]))
 
 
 _ABRUPT = 0.2  # share of the rest before, within which a load drives the output out of its band
@@ -176,7 +196,8 @@ class Response:
     """How an output follows its reference, at the instants `t` of a record of K rows.
 
     Args:
-        t: Instants, shape (K,), increasing.
+        t: Instants, shape (K,), increasing, up to where the run is over: at the very end, the
+            reference may be taken away.
         y: Output, shape (K,).
         r: Reference, shape (K,).
         smooth: Error y - r with so little noise that it stays in the band, shape (K,).
@@ -199,8 +220,12 @@ class Response:
             r: Reference, shape (K,), finite.
             band: Error that counts as settled, in the unit of y; None for 3 % of each event.
         """
-        noise = noise_of(t, y)
-        begun, scale = _begun(t, y, r, band, noise)
+        changes = [*_changes(t, y, r)]
+        for first, _ in changes:
+            if _is_taken_away(t, y, r, first):
+                return cls.of(t[:first], y[:first], r[:first], band)
+        noise = noise_of(t, y - r)
+        begun, scale = _begun(t, y, r, band, changes)
         smooth, events = np.empty(len(t)), []
         for each in begun:
             rows = slice(each.first, each.end)
@@ -220,7 +245,8 @@ class Response:
     def changes(self) -> tuple[Event, ...]:
         """The events but loads; of a record without one, the loads, or else the whole record."""
         found = tuple(event for event in self.events if event.kind != "load")
-        band = BAND * float(np.abs(self.y - self.r).max())
+        error = self.y - self.r
+        band = max(BAND * float(np.abs(error).max()), _SURE * noise_of(self.t, error))
         return found or self.loads or (Event("load", 0, 0, len(self.t), 0.0, band),)
 
     def overshoot(self, event: Event) -> float:
@@ -228,7 +254,7 @@ class Response:
 
         After a load it comes from no side: its largest error counts.
         """
-        beyond = self.y[event.first : event.end] - self.r[event.last]
+        beyond = self.y[event.first : event.end] - np.median(self.r[event.last : event.end])
         beyond = np.abs(beyond) if event.kind == "load" else np.sign(event.size) * beyond
         return max(float(beyond.max()), 0.0)
 
@@ -271,6 +297,6 @@ def _area(left: Curve, right: Curve) -> Curve:
 
 def entered(t: Curve, error: Curve, band: float) -> float:
     """Return the instant of the last entry of an error into the band; infinite for never."""
-    outside = np.flatnonzero(np.abs(error) > band)
+    outside = np.flatnonzero(np.abs(error) > band * (1 + 1e-9))  # 29.7 is within 0.3 of 30
     last = int(outside[-1]) if len(outside) else -1
     return float(t[last + 1]) if last + 1 < len(t) else np.inf

@@ -344,11 +344,16 @@ def tracking_kpis(experiment: Experiment) -> dict[str, float]:
 
 
 def _responses(experiment: Experiment) -> Iterator[tuple[Channel, Response]]:
-    """Yield channel and response of each output with a reference, on the dense grid."""
+    """Yield channel and response of each output with a reference, on the dense grid.
+
+    A reference that is logged on change may not be known before its first value.
+    """
     for j, channel in enumerate(experiment.channels.y):
         reference, curve = experiment.reference(j), experiment.output(j)
-        if curve is not None and np.isfinite(reference).all() and np.isfinite(curve).all():
-            yield channel, Response.of(experiment.t, np.asarray(curve), reference, channel.band)
+        first = int(np.argmax(np.isfinite(reference)))
+        t, r = experiment.t[first:], reference[first:]
+        if curve is not None and len(t) > 1 and np.isfinite(r).all() and np.isfinite(curve).all():
+            yield channel, Response.of(t, np.asarray(curve)[first:], r, channel.band)
 
 
 def _of_response(response: Response) -> Iterator[tuple[str, float]]:

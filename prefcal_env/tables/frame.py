@@ -233,12 +233,23 @@ class _Used:
         if len(same):
             used._allow(int(same[0]), len(same), "duplicates", "keep the last row of each time")
             used = used._last_of_each_time()
+        if self.sheet.own_times or "missing" in allow:
+            used = used._from_the_first_output()
         long = gaps(used.t)
         if len(long) and "gaps" not in allow:
             k = int(long[0])
             words = gap_words(used.t, k, self.time_unit, len(long))
             raise RecordError(f"{used.place(k + 1)}: {words}: fill it, or give allow=('gaps',) to bridge it")
         return replace(used, t=used.t - used.t[0]) if self.about.from_zero else used
+
+    def _from_the_first_output(self) -> "_Used":
+        """Return the rows from the first value of an output on, where what was set before still holds."""
+        begin = min(int(np.argmax(np.isfinite(self.values[name]))) for name in self.outputs)
+        values = dict(self.values)
+        for name in values.keys() - {*self.outputs, *self.about.signals} if begin else ():
+            before = bridged(self.t[: begin + 1], values[name][: begin + 1], held=True)[-1]
+            values[name] = np.append(values[name][:begin], [before, *values[name][begin + 1 :]])
+        return replace(self, values=values).taken(np.arange(begin, len(self.t)))
 
     def _last_of_each_time(self) -> "_Used":
         """Return one row for each time, with the last value that each column has then."""
@@ -325,6 +336,8 @@ class _Used:
         filled = bridged(self.t, values, held=held or switched)
         if not held:
             filled[stop:] = np.nan
+        elif name not in self.about.inputs:
+            filled[:first] = np.nan  # a reference that is not known yet: nothing is measured
         return np.asarray(filled)
 
     def _stop(self) -> int:

@@ -12,10 +12,10 @@ from prefcal_env.errors import RecordError
 from prefcal_env.wording import and_more, labeled
 
 from .sheet import Sheet, is_bad, with_gaps
-from .times import clock_of, other_times
+from .times import Clock, clock_of, other_times
 
 NO_HEADING = "no heading"
-_COUNTERS = re.compile(r"|unnamed: \d+|index|no\.?|nr\.?|#|row|record|sample", re.IGNORECASE)
+_COUNTERS = re.compile(r"|unnamed: [\d.]+|index|no\.?|nr\.?|#|row|record|sample", re.IGNORECASE)
 """What columns of row numbers are called: often nothing, which pandas reads as "Unnamed: 0"."""
 
 
@@ -192,14 +192,24 @@ class _Long:
         import pandas as pd
 
         signals, left_out = [], []
-        for tag in self.tags.dropna().unique():
-            signal = _Signal.of(self, sheet, np.flatnonzero(self.tags == tag), str(tag), time_format)
+        every = self.tags.dropna()
+        blocks = (every != every.shift()).sum() == every.nunique()  # one tag after the other
+        clock = None if blocks else _common_clock(sheet, self.time, time_format)
+        for tag in every.unique():
+            rows = np.flatnonzero(self.tags == tag)
+            own = None if clock is None else replace(clock, s=clock.s[rows])
+            signal = _Signal.of(self, sheet, rows, str(tag), time_format, own)
             if signal is None:
                 left_out.append(str(tag))
             else:
                 signals.append(signal)
         if not signals:
             raise RecordError(f"none of the tags in column {sheet.name(self.tag)!r} has numbers")
+        if jumped := [s.name for s in signals if bool(s.said) != bool(signals[0].said)]:
+            raise RecordError(
+                f"the clock jumps, but the rows of {jumped[0]!r} do not show when: sort all rows by time, or "
+                "write time stamps with their distance from UTC, such as 2026-10-25T02:00:00+01:00"
+            )
         t, places = _common_times(signals)
         several = sum(len(each) - len(np.unique(each)) for each in places)
         if several and not repeated:
@@ -222,6 +232,22 @@ class _Long:
         headings = (sheet.headings[self.time], *(labeled(s.name, s.unit) for s in signals))
         said = (*sheet.said, *_told(sheet.name(self.tag), signals, left_out, several))
         return Sheet(headings, pd.DataFrame(columns), lines, bad=bad, said=said, own_times=True)
+
+
+def _common_clock(sheet: Sheet, time: int, time_format: str | None) -> Clock | None:
+    """Return what the clock of all rows says, if they are in its order; None if each tag has its own.
+
+    A tag that is logged now and then does not show alone when a clock was changed.
+    """
+    column = sheet.frame[time]
+    new = np.asarray(column != column.shift())
+    try:
+        clock = clock_of(sheet.taken(np.flatnonzero(new)), time, time_format)
+    except RecordError:
+        return None  # the rows are not in the order of time
+    if clock is None or not ((np.diff(clock.s) >= 0).all() or (np.diff(clock.s) <= 0).all()):
+        return None
+    return replace(clock, s=clock.s[np.cumsum(new) - 1])
 
 
 def _common_times(
@@ -296,9 +322,15 @@ class _Signal:
 
     @classmethod
     def of(
-        cls, long: _Long, sheet: Sheet, rows: Int[np.ndarray, " K"], name: str, time_format: str | None
+        cls,
+        long: _Long,
+        sheet: Sheet,
+        rows: Int[np.ndarray, " K"],
+        name: str,
+        time_format: str | None,
+        clock: Clock | None,
     ) -> "_Signal | None":
-        """Read the rows of a tag; None if it has no numbers."""
+        """Read the rows of a tag, whose `clock` may be that of all rows; None if it has no numbers."""
         part = with_gaps(sheet.taken(rows), ())
         try:
             values = part.numbers(long.value)
@@ -308,7 +340,7 @@ class _Signal:
             return None
         if not np.isfinite(values).any():
             return None
-        clock = clock_of(part, long.time, time_format)
+        clock = clock or clock_of(part, long.time, time_format)
         t = part.numbers(long.time) if clock is None else clock.s
         units = [] if long.unit is None else [*part.frame[long.unit].dropna().unique()]
         return cls(

@@ -202,8 +202,10 @@ def _curve_of(
     if found.shape != base.shape:
         where = "its times" if own else "t"
         raise ExperimentError(f"{what} must have shape {base.shape}, as {where}, got {found.shape}")
-    if held and not gaps and not np.isinf(found).any() and len(found) and np.isfinite(found[0]):
-        found = bridged(base, found, held=True)  # who logs changes only leaves the rest empty
+    first = int(np.argmax(np.isfinite(found))) if len(found) else 0
+    if held and not np.isinf(found).any() and (gaps or not first):
+        # Who logs changes only leaves the rest empty.
+        found[first:] = bridged(base[first:], found[first:], held=True)
     kept = len(found) if gaps else _finite_rows(what, base, found, unit)
     return Curve(what, base[:kept], found[:kept], held, own, kept < len(found), gaps)
 
@@ -367,8 +369,9 @@ def recorded(
     """Make a complete `Experiment` of recorded curves; only θ, time and outputs are required.
 
     A curve is an array of values at `t`, or a tuple (times, values) with instants of its own.
-    Inputs and references are held between instants and after their last one, and inputs where they
-    are NaN; outputs and signals are interpolated linearly.
+    Inputs and references are held between instants, after their last one, and where they are NaN;
+    outputs and signals are interpolated linearly. Before the first value of a reference, there is
+    none: its output is measured from there on.
 
     A run that stopped may be filled up with NaN: rows are left out from the first one at which an
     output stays NaN or infinite, or an input infinite, and the run counts as `End.UNSAFE`, because a

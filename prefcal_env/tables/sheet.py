@@ -125,7 +125,19 @@ def lines_of(text: str, wanted: Collection[str] = ()) -> Lines:
     if first.count('"') % 2:
         raise RecordError(f"line {places[0]}: a quoted heading does not end: close its quote")
     separator = _separator(first, below[0] if below else "", wanted)
-    return _lines(separator, _split([first], separator) + _split(below, separator), places)
+    (headings,) = _split([first], separator)
+    return _lines(separator, [_joined(headings, separator), *_split(below, separator)], places)
+
+
+def _joined(headings: Sequence[str], separator: str) -> list[str]:
+    """Return headings without separators in brackets, as A[1,3] has one without quotes."""
+    found: list[str] = []
+    for heading in headings:
+        if found and found[-1].count("[") > found[-1].count("]"):
+            found[-1] += separator + heading
+        else:
+            found.append(heading)
+    return found if all(h.count("[") == h.count("]") for h in found) else list(headings)
 
 
 def _lines(separator: str, cells: Sequence[list[str]], places: Sequence[int]) -> Lines:

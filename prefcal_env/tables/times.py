@@ -107,9 +107,12 @@ def _words(name: str) -> tuple[list[str], str | None]:
 
 
 def _holds_stamps(sheet: Sheet, column: int) -> bool:
-    """Return whether a column without a heading begins with a time stamp: an index of pandas."""
+    """Return whether a column without a heading is an index of pandas, but no row numbers."""
     cells = sheet.frame[column].dropna()
-    return len(cells) > 0 and re.match(r"\d{4}-\d\d-\d\d\b", str(cells.iloc[0])) is not None
+    if cells.dtype.kind in "iuf":
+        whole = (cells % 1 == 0).all() and abs(cells).max() < 9e8
+        return column == 0 and not whole and bool((cells.diff().dropna() > 0).all())
+    return len(cells) > 0 and re.match(r"\d{4}-\d\d-\d\d\b|-?\d+ days", str(cells.iloc[0])) is not None
 
 
 def time_unit_of(sheet: Sheet, column: int, given: str | None, said: str | None = None) -> str:
@@ -191,10 +194,9 @@ def _of_numbers(sheet: Sheet, column: int, wanted: str, given: str | None, said:
     counted = None if bracketed or spelled else _counted(found)
     if counted is not None and given in ("ns", "us", "ms"):
         counted = None  # it may be the time since a start
-    source, doubted = bracketed or spelled or counted or given, False
-    if source is None:
-        doubted = _doubted(name, found, plain=words in (["time"], ["t"], ["index"], []))
-        source = "s"
+    source, doubted = bracketed or spelled or counted or given or "s", False
+    if not (bracketed or spelled or counted) and source == "s":  # who wants seconds may have others
+        doubted = _doubted(name, found, plain=words in (["time"], ["t"], ["index"], [])) and given is None
     _check_order(sheet, found, source)
     if source == wanted:
         t = found
@@ -289,8 +291,10 @@ _CLOCK = re.compile(r"^(\d+):([0-5]\d)(?::([0-5]\d(?:[.,]\d*)?))?$")
 """Time of day, with seconds or without, or hours, minutes and seconds of a stopwatch."""
 _MERIDIEM = r"(?i)^(.*?)\b(0?[1-9]|1[0-2])(:[0-5]\d(?::[0-5]\d(?:[.,]\d+)?)?)\s*([ap])\.?\s?m\.?$"
 _ZONE = r"(?:Z|UTC|GMT|[+-]\d\d:?\d\d)$"
-_GERMAN = r"\d{1,2}\.\d{1,2}\.\d{4}.*"  # dots come with the day first
-_SLASHED = r"^\d{1,2}/\d{1,2}/\d{2,4} .*"
+_MINUTES = r"^(\d+):([0-5]\d[.,]\d+)$"  # how spreadsheets write short times
+_DATED = r"^(\d{1,2})([./-])(\d{1,2}|[A-Za-z]{3})\2(\d{4}|\d\d)(?:[ T]+(.*))?$"  # the year is last
+_NAMES = "jan feb mar apr may jun jul aug sep oct nov dec"
+_MONTHS = {name: str(number) for number, name in enumerate(_NAMES.split(), start=1)}
 _DAYS = r"^(-?\d+) days?,? (.*)$"  # how pandas and Python write durations
 _HOUR, _HALF_DAY, _DAY = 3600.0, 43200.0, 86400.0
 
@@ -332,12 +336,21 @@ def clock_of(sheet: Sheet, column: int, time_format: str | None) -> Clock | None
     days = text.str.extract(_DAYS) if re.match(_DAYS, text.iloc[0]) else None
     if days is not None and days[0].notna().all():
         return Clock(_time_of_day(days[1]) + _DAY * days[0].astype(float).to_numpy())
-    text, twelve = _in_24_hours(text)
+    text = _in_24_hours(text)
+    if text.str.match(_MINUTES).all():
+        parts = text.str.replace(",", ".").str.split(":", expand=True).astype(float)
+        s = 60.0 * parts[0].to_numpy() + parts[1].to_numpy()  # it may begin anew after an hour
+        return Clock(s + _HOUR * np.cumsum(np.append(0, np.diff(s) < -_HOUR / 2)))
     if text.str.match(_CLOCK).all():
         s = _time_of_day(text)
+        if (s[0] == 0 or s.max() >= _DAY) and not text.str.count(":").gt(1).any():
+            raise RecordError(
+                f"column {sheet.name(column)!r}: {text.iloc[-1]!r} may be hours and minutes, or minutes and "
+                "seconds: write 00:03:20, or give time_format='%M:%S' or '%H:%M'"
+            )
         # A step back by more than half a day passes midnight.
         return _steady(sheet, s + _DAY * np.cumsum(np.append(0, np.diff(s) < -_HALF_DAY)), None)
-    return None if almost_a_number(text.iloc[0]) else _stamps(sheet, column, text, None, twelve)
+    return None if almost_a_number(text.iloc[0]) else _stamps(sheet, column, text, None)
 
 
 def _time_of_day(text: Any) -> Float[np.ndarray, " K"]:
@@ -348,15 +361,15 @@ def _time_of_day(text: Any) -> Float[np.ndarray, " K"]:
     return np.asarray(sum(scale * part for scale, part in zip((_HOUR, 60.0, 1.0), each, strict=True)))
 
 
-def _in_24_hours(text: Any) -> tuple[Any, bool]:
-    """Return text with 24 hours instead of AM and PM, and whether there were any."""
+def _in_24_hours(text: Any) -> Any:
+    """Return text with 24 hours instead of AM and PM, if there are any."""
     if not re.match(_MERIDIEM, text.iloc[0]):
-        return text, False
+        return text
     parts = text.str.extract(_MERIDIEM)
     there = parts[3].notna()
     hour = parts[1].fillna("0").astype(int) % 12 + 12 * (parts[3].str.lower() == "p")
     read = parts[0] + hour.map("{:02d}".format) + parts[2]
-    return read.where(there, text), True
+    return read.where(there, text)
 
 
 def _dated(sheet: Sheet, stamps: Any, *, zoned: bool) -> Clock:
@@ -369,16 +382,14 @@ def _dated(sheet: Sheet, stamps: Any, *, zoned: bool) -> Clock:
     return Clock(s, day) if zoned else _steady(sheet, s, day)
 
 
-def _stamps(sheet: Sheet, column: int, text: Any, time_format: str | None, twelve: bool = False) -> Clock:
+def _stamps(sheet: Sheet, column: int, text: Any, time_format: str | None) -> Clock:
     """Return what time stamps in text say."""
     import pandas as pd
 
-    if time_format is None and re.fullmatch(_GERMAN, text.iloc[0]):
-        found = pd.to_datetime(text, format="mixed", dayfirst=True, errors="coerce", utc=True)
-    elif twelve and text.str.match(_SLASHED).all():
-        found = _slashed(sheet, column, text)
+    text = text.str.replace(r"(:\d\d),(\d+)", r"\1.\2", regex=True)
+    if time_format is None and text.str.match(_DATED).mean() > 0.5:
+        found = _written(sheet, column, text)
     else:
-        text = text.str.replace(r"(:\d\d),(\d+)", r"\1.\2", regex=True)
         try:
             found = pd.to_datetime(text, format=time_format or "ISO8601", errors="coerce", utc=True)
         except ValueError as error:
@@ -400,28 +411,36 @@ def _stamps(sheet: Sheet, column: int, text: Any, time_format: str | None, twelv
     return _dated(sheet, found, zoned=zoned)
 
 
-def _slashed(sheet: Sheet, column: int, text: Any) -> Any:
-    """Return time stamps such as 10/25/2026 13:00:00 if it is clear what is the month."""
+def _written(sheet: Sheet, column: int, text: Any) -> Any:
+    """Return time stamps such as 25.10.2026 9:30, 10/25/2026 09:30 or 25-Oct-26 09:30:00.
+
+    Raises:
+        RecordError: If it is not clear what is the month.
+    """
     import pandas as pd
 
-    fits = []
-    for date in ("%m/%d/", "%d/%m/"):
-        for rest in ("%Y %H:%M:%S", "%Y %H:%M", "%Y %H:%M:%S.%f", "%y %H:%M:%S", "%y %H:%M"):
-            found = pd.to_datetime(text, format=date + rest, errors="coerce", utc=True)
-            if found.notna().all():
-                fits.append(found - found.min())
-                break
+    first, sign, second, year, rest = (text.str.extract(_DATED)[i] for i in range(5))
+    year = year.where(year.str.len() != 2, "20" + year)
+    rest = rest.fillna("00:00").str.replace(r"^(\d):", r"0\1:", regex=True)
+
+    def read(month: Any, day: Any) -> Any:
+        iso = year + "-" + month.str.zfill(2) + "-" + day.str.zfill(2) + "T" + rest
+        return pd.to_datetime(iso, format="ISO8601", errors="coerce", utc=True)
+
+    if not second.str.isdigit().any():
+        return read(second.str.lower().map(_MONTHS), first)
+    fits = [read(second, first)]
+    if not (sign == ".").all():  # dots come with the day first
+        fits = [found for found in (read(first, second), *fits) if found.notna().all()] or fits
     # What is a day must not be taken for a month, which would leave a gap of a month.
-    whole = [s for s in fits if not len(gaps(np.unique(s.dt.total_seconds())))] or fits
+    whole = [s for s in fits if not len(gaps(np.unique((s - s.min()).dt.total_seconds())))] or fits
     # Within one day, it does not matter.
-    if len(whole) == 2 and not (whole[0] == whole[1]).all():
+    if len(whole) == 2 and not (whole[0] - whole[0].min()).equals(whole[1] - whole[1].min()):
         raise RecordError(
             f"column {sheet.name(column)!r}: {sheet.frame[column].iloc[0]!r} may begin with the day or the "
             "month: give time_format='%d/%m/%Y %I:%M:%S %p' or the like"
         )
-    if whole:
-        return whole[0] + pd.Timestamp(0, tz="UTC")
-    return pd.to_datetime(text, errors="coerce", utc=True, format="ISO8601")
+    return whole[0]
 
 
 # --- Read on where a local clock jumps: summer time ends or begins, or it has only 12 hours.

@@ -1,7 +1,7 @@
 """Look at runs: as a picture, as KPIs, or on a page."""
 
 from base64 import b64encode
-from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from html import escape
@@ -272,7 +272,9 @@ def _run_from(path: Path, about: TableColumns) -> NamedRun:
     words = [f"{what} {', '.join(found)}" for what, found in taken.items() if found]
     places = {name: names[name] for name in used}
     places |= {f"{n} ref": sheet.column(r, "") for n, r in reference.items() if isinstance(r, str)}
-    bridged = _bridged(sheet, places)
+    if len(long := gaps(experiment.t)):
+        mended.append(f"{gap_words(experiment.t, int(long[0]), found.unit, len(long))}: bridged")
+    bridged = _bridged(sheet, places, outputs)
     converted = _converted(sheet, experiment, names, reference)
     said = (_time_words(sheet, time, found), *words, *converted, *mended, *bridged, *left_out)
     return run_of(path.name, experiment, "; ".join(said))
@@ -319,8 +321,6 @@ def _timed_sheet(path: Path, about: TableColumns) -> tuple[Sheet, int, Instants,
     ordered = np.unique(t)
     if repeated := len(t) - len(ordered):
         said.append(f"of rows with the same time only the last one is kept ({repeated} left out)")
-    if len(long := gaps(ordered)):
-        said.append(f"{gap_words(ordered, int(long[0]), found.unit, len(long))}: bridged")
     return sheet, time, found, said
 
 
@@ -346,9 +346,9 @@ def _references(sheet: Sheet, about: TableColumns, names: Mapping[str, int]) -> 
     }
     for name, text in about.reference.items():
         try:
-            found[name] = float(text)
+            found[name] = sheet.headings[names[text]] if text in names else float(text)
         except ValueError:
-            found[name] = sheet.headings[names[text] if text in names else sheet.column(text, "")]
+            found[name] = sheet.headings[sheet.column(text, "")]
     return found
 
 
@@ -404,9 +404,9 @@ def _aside(sheet: Sheet) -> Iterable[str]:
         )
 
 
-def _bridged(sheet: Sheet, places: Mapping[str, int]) -> Iterable[str]:
+def _bridged(sheet: Sheet, places: Mapping[str, int], outputs: Collection[str]) -> Iterable[str]:
     """Yield which columns have bad values, and empty cells before and after their last value."""
-    filled, shorter, bad = [], [], {}
+    filled, shorter, bad, lasts = [], [], {}, {}
     for name, place in places.items():
         values = sheet.numbers(place)
         there = np.flatnonzero(np.isfinite(values))
@@ -416,11 +416,18 @@ def _bridged(sheet: Sheet, places: Mapping[str, int]) -> Iterable[str]:
             filled.append(name)
         if len(there) and there[-1] < len(values) - 1:
             shorter.append(name)
+        lasts[name] = int(there[-1]) if len(there) else -1
+        if len(there) and there[0] and name.endswith(" ref"):
+            yield f"{name} is not known before its first value, and nothing is measured there"
     if bad:
         every = [words for cells in bad.values() for words in cells.values()]
         gaps = "1 bad value is a gap" if len(every) == 1 else f"{len(every)} bad values are gaps"
         yield f"{gaps} in {', '.join(bad)} ({', '.join([*dict.fromkeys(every)][:3])})"
     if filled:
         yield f"empty cells filled from their neighbors in {', '.join(filled)}"
+    end = max(lasts[name] for name in outputs)
+    shorter = [name for name in shorter if lasts[name] < end]
+    if end < len(sheet.frame) - 1:
+        yield "the run ends where no output has a value any more"
     if shorter:
         yield f"no values in the last rows of {', '.join(shorter)}: the last one is held while others go on"

@@ -193,3 +193,18 @@ def test_the_reference_of_what_is_no_output_is_refused(tmp_path, reading):
 def test_a_missing_column_is_named_with_those_that_exist(tmp_path, reading):
     with pytest.raises(RecordError, match="no column is called 'nix'; there are 't', 'level'"):
         read(tmp_path, "t,level\n0,1\n1,2\n", **reading)
+
+
+def test_a_column_may_be_called_like_a_number(tmp_path):
+    rows = "".join(f"101,{t},{t}\n102,{t},30\n" for t in range(5))
+    run = read(tmp_path, "sensor_id,time,value\n" + rows, reference={"101": "102"})
+    assert run.experiment.channels.y[0].target == 30
+
+
+def test_a_reference_that_begins_late_and_a_run_that_ends_early_are_said(tmp_path):
+    rows = "".join(f"{t},{t if t < 20 else ''},{9 if t == 3 else ''},1\n" for t in range(30))
+    run = read(tmp_path, "time,y,y ref,v\n" + rows, inputs=("v",))
+    assert run.experiment.duration == 19
+    assert "y ref is not known before its first value, and nothing is measured there" in run.about
+    assert "the run ends where no output has a value any more" in run.about
+    assert "no values in the last rows of y ref: the last one is held" in run.about

@@ -192,3 +192,46 @@ def test_a_crossing_between_two_samples_has_the_area_that_is_drawn():
 
 def test_an_oscillation_is_no_noise():
     assert noise_of(T, np.sin(9 * T)) == 0.0
+
+
+def test_a_step_after_a_long_rest_is_a_step():
+    """Two hours of rest: all that happens lies in the last 2 % of the record."""
+    t = np.append(np.arange(-7200.0, 0.0, 10.0), T)
+    y, ref = 20 + 10 * response(t - 10, 0.5), np.where(t >= 10, 30.0, 20.0)
+    assert kinds(t, y, ref) == ["step"]
+    short = kpis(T, 20 + 10 * response(T - 10, 0.5), np.where(T >= 10, 30.0, 20.0))
+    assert kpis(t, y, ref) == pytest.approx(short)
+
+
+@pytest.mark.parametrize("rows", [1, 3, 20])
+def test_a_set_point_that_is_taken_away_at_the_end_ends_the_run(rows):
+    y, ref = 20 + 10 * response(T - 10, 0.5), np.where(T >= 10, 30.0, 20.0)
+    before = kpis(T[:-rows], y[:-rows], ref[:-rows])
+    ref[-rows:] = 0.0
+    assert kpis(T, y, ref) == before
+    assert "recovery time" not in before
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("noise", [0.01, 0.05, 0.1])
+def test_the_noise_of_a_set_point_is_no_change_of_it(noise, seed):
+    rng = np.random.default_rng(seed)
+    ref = np.where(T >= 10, 30.0, 20.0) + noise * rng.standard_normal(len(T))
+    y = 20 + 10 * response(T - 10, 0.6)
+    assert kinds(T, y, ref) == ["step"]
+    assert kpis(T, y, ref)["overshoot"] == pytest.approx(10 * overshoot(0.6), abs=noise)
+    s = np.maximum(T - 5, 0.0)
+    assert kinds(T, 10 + s - 2 * (1 - np.exp(-s / 2)), 10 + s + noise * rng.standard_normal(len(T))) == [
+        "ramp"
+    ]
+
+
+def test_noise_alone_has_settled():
+    noisy = 30 + 0.05 * np.random.default_rng(0).standard_normal(len(T))
+    assert kpis(T, noisy, 30.0)["settling time"] == 0.0
+
+
+def test_what_lies_on_the_edge_of_the_band_is_within():
+    """A sensor with steps of 0.1: 29.7 is within 0.3 of 30, although its float is not."""
+    t, y = np.arange(0.0, 8.0), np.array([20.0, 27.0, 29.7, 29.7, 30.0, 29.7, 30.0, 30.0])
+    assert kpis(t, y, 30.0)["settling time"] == 2.0

@@ -215,7 +215,7 @@ def test_a_bad_time_stamp_is_reported_beside_the_other_problems_of_the_record():
         ("23.11.2026 09:00:00", "", "line 2, column 'Timestamp': expected a time, got nothing"),
         ("23.11.2026 09:00:30", "later", "line 3, column 'Timestamp': expected a number or a time"),
         ("23.11.2026 09:00:30", "", "line 3, column 'Timestamp': expected a time, got nothing"),
-        ("23.11.2026", "11/23/2026", "give time_format='%d/%m/%Y %H:%M:%S' or the like"),
+        ("23.11.2026", "Nov 23 2026", "give time_format='%d/%m/%Y %H:%M:%S' or the like"),
         ("09:00:30", "08:00:30", "line 3: time must increase"),
     ],
 )

@@ -397,3 +397,58 @@ def test_a_workbook_without_its_library_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "python_calamine", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'prefcal\[excel\]', or save the table as CSV"):
         read(b"PK\x03\x04")
+
+
+@given(st.integers(0, 29), st.booleans())
+def test_a_tag_that_is_logged_now_and_then_follows_the_clock_of_all(change, sorted_by_tag):
+    """Over the end of summer time, two rows of a reference do not show alone which hour they are of."""
+    stamps = pd.date_range("2026-10-25T00:57:30Z", periods=30, freq="10s").tz_convert("Europe/Berlin")
+    rows = [(k, "level", level) for k, level in enumerate(LEVEL)] + [
+        (0, "level ref", 1),
+        (change, "level ref", 2),
+    ]
+    rows = rows if sorted_by_tag else sorted(rows, key=lambda row: row[0])
+    long = "tag,timestamp,value\n" + "".join(
+        f"{tag},{stamps[k]:%Y-%m-%d %H:%M:%S},{value}\n" for k, tag, value in rows
+    )
+    ref = np.where(np.arange(30) >= change, 2.0, 1.0)
+    right = recorded([1.0], np.arange(30) * 10.0, {"level": LEVEL}, reference={"level": ref})
+    try:
+        assert read(long, allow=("duplicates",)).kpis == right.kpis
+    except RecordError as error:
+        assert sorted_by_tag
+        assert "do not show when" in str(error)
+
+
+def test_a_set_point_from_before_the_run_holds_in_it():
+    """Historians add the last value before the start: an hour of it is no part of the run."""
+    begin = pd.Timestamp("2026-10-10 10:00:00")
+    rows = [
+        (-3600, "level ref", 1.0),
+        *((k, "level", level) for k, level in enumerate(LEVEL)),
+        (10, "level ref", 2.0),
+    ]
+    rows.sort(key=lambda row: row[0])
+    long = "tag,timestamp,value\n" + "".join(
+        f"{tag},{begin + pd.Timedelta(seconds=s)},{value}\n" for s, tag, value in rows
+    )
+    ref = np.where(np.arange(30) >= 10, 2.0, 1.0)
+    right = recorded([1.0], np.arange(30.0), {"level": LEVEL}, reference={"level": ref})
+    assert read(long).kpis == right.kpis
+
+
+def test_nothing_is_measured_before_the_first_value_of_a_reference():
+    ref = [2.0 if k == 10 else np.nan for k in range(30)]
+    found = recorded([1.0], np.arange(30.0), {"level": LEVEL}, reference={"level": ref})
+    assert (
+        found.kpis == recorded([1.0], np.arange(20.0), {"level": LEVEL[10:]}, reference={"level": 2.0}).kpis
+    )
+    table = wide("time,level,level ref", lambda k: f"{k},{LEVEL[k]},{2 if k == 10 else ''}")
+    with pytest.raises(RecordError, match="column 'level ref': expected a number, got nothing"):
+        read(table)
+    assert read(table, allow="missing").kpis == found.kpis
+
+
+def test_subscripts_with_commas_need_no_quotes():
+    e = read("time,A[1,3],A[2,3] [m],u\n0,1,2,3\n1,4,5,6\n")
+    assert [(c.name, c.unit) for c in e.channels.y] == [("A[1,3]", ""), ("A[2,3]", "m"), ("u", "")]

@@ -334,3 +334,52 @@ def test_a_format_that_is_none_is_refused():
 def test_a_duration_is_the_time_from_the_first_to_the_last_instant():
     e = read(table("time", [1760000000.0 + 0.5 * k for k in range(61)]), from_zero=False)
     assert (e.t[0], e.duration) == (1760000000.0, 30.0)
+
+
+@pytest.mark.parametrize(
+    "form",
+    [
+        "%d-%b-%y %H:%M:%S",
+        "%d-%b-%Y %H:%M:%S.%f",
+        "%m/%d/%Y %H:%M:%S",
+        "%d/%m/%y %H:%M",
+        "%d.%m.%y %H:%M:%S",
+        "%m/%d/%Y %I:%M:%S %p",
+    ],
+)
+@pytest.mark.parametrize("start", ["2026-06-05 23:30:00", "2026-10-25 08:59:00"])
+def test_dates_with_the_year_last_are_read_if_the_month_is_clear(form, start):
+    found = time_of("time", local(start, "UTC", form, step=60))
+    assert np.allclose(np.diff(found.t), 60)
+
+
+def test_the_missing_hour_of_spring_is_seen_in_american_dates():
+    times = local("2026-03-08 06:55", "America/New_York", "%m/%d/%Y %I:%M:%S %p")
+    found = time_of("time", times)
+    assert np.allclose(np.diff(found.t), 10)
+    assert "forward by an hour" in found.said[0]
+
+
+def test_minutes_with_fractions_of_seconds_go_on_after_an_hour():
+    times = ["59:58.0", "59:58.5", "59:59.0", "59:59.5", "00:00.0", "00:00.5"]
+    assert np.allclose(np.diff(time_of("time", times).t), 0.5)
+
+
+@pytest.mark.parametrize("times", [("00:00", "00:03", "00:06"), ("0:00", "0:30"), ("23:59", "24:01")])
+def test_what_may_be_hours_or_minutes_is_asked_for(times):
+    with pytest.raises(RecordError, match="may be hours and minutes, or minutes and seconds"):
+        time_of("time", times)
+
+
+def test_who_wants_seconds_may_have_a_counter_of_milliseconds():
+    with pytest.raises(RecordError, match="has steps of 1000 and no unit of time"):
+        read(table("time", range(0, 60_000, 1000)), time_unit="s")
+
+
+@pytest.mark.parametrize("times", [T, 1760000000 + T * 2, [f"{k} days 00:00:00" for k in range(len(T))]])
+def test_an_index_without_a_heading_is_the_time(times):
+    assert usual_time_columns(sheet_of(table("", times))) == [0]
+
+
+def test_row_numbers_without_a_heading_are_not_the_time():
+    assert usual_time_columns(sheet_of(table("", range(len(T))))) == []
