@@ -78,7 +78,7 @@ def _begun(
         before = max(first - 1, 0)
         wanted = float(r[last] - y[before])  # from where it is, which may not be the old value
         size = max(abs(wanted), abs(float(r[last] - r[before])))
-        own = BAND * (size if kind else scale)
+        own = BAND * size if kind else max(BAND * scale, _SURE * noise)  # noise ends no rest
         within = own if band is None else band
         found.append(_Begun(kind, first, last, end, float(np.copysign(size, wanted)), within))
     return found, scale
