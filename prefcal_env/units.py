@@ -171,9 +171,10 @@ def _alike(found: re.Match[str]) -> str:
 
 
 def _small(unit: str) -> str:
-    """Return a plain unit; one in capitals only without these, if it is known then: M3/H and KG/H."""
+    """Return a plain unit; a ratio in capitals only without these, if it is known then: M3/H, KG/H."""
     small = plain(unit.lower())
-    return small if unit == unit.upper() and _parsed(small) is not None else plain(unit)
+    shouted = "/" in unit and unit == unit.upper()
+    return small if shouted and _parsed(small) is not None else plain(unit)
 
 
 @lru_cache(2048)

@@ -294,7 +294,11 @@ def _cleaned(num: Any, den: Any, dt: float) -> tuple[np.ndarray, np.ndarray, tup
     first = [int(np.argmax(terms > _TINY * terms.max())) for terms in (_terms(b, usual), _terms(a, usual))]
     b, a = b[first[0] :], a[first[1] :]
     last = 0 if dt else _last(a)
-    said = ["coefficients that are rounding, below 1e-12 of their polynomial"] if any(first) or a[len(a) - last :].any() else []
+    said = (
+        ["coefficients that are rounding, below 1e-12 of their polynomial"]
+        if any(first) or a[len(a) - last :].any()
+        else []
+    )
     a = np.append(a[: len(a) - last], np.zeros(last))
     b, a, common = _without_common(b, a, usual, dt)
     return b, a, tuple(f"Left out of a transfer function: {words}." for words in [*said, *common])
