@@ -52,7 +52,8 @@ def conversion(one: str, other: str, *, difference: bool = False) -> Conversion 
         other: Unit to convert into.
         difference: Whether the value is a difference, so that 9 °C are 9 K.
     """
-    return _conversion(plain(one), plain(other), difference)
+    found = _conversion(plain(one), plain(other), difference)
+    return _conversion(_small(one), _small(other), difference) if found is None else found
 
 
 def convert(
@@ -113,7 +114,7 @@ _SPELLINGS = {
     "h": "hr hrs hour hours",
     "d": "day days",
     "week": "wk weeks",
-    "degC": "C celsius",
+    "degC": "C Cel celsius",
     "degF": "F fahrenheit",
     "delta_degC": "ΔdegC",
     "delta_degF": "ΔdegF",
@@ -124,10 +125,14 @@ _SPELLINGS = {
     "N*m": "Nm",
     "bar": "bar",
     "rpm": "rpm U/min r/min rev/min",
+    "m3/h": "cbm/h cmh CMH",
+    "mmH2O": "mmWC mmWS mmWG",
+    "um": "micron microns",
+    "pH": "PH",
     "l/min": "lpm",
     "gal/min": "gpm",
     "ft3/min": "cfm",
-    "1": "-",
+    "1": "- – — none unitless dimensionless",
 }
 _SPELLED = {spelling: unit for unit, words in _SPELLINGS.items() for spelling in words.split()}
 _AT_ONCE = _words("degC degF K % bar mbar kPa Pa m mm kg m/s m3/h l/min rpm W kW V A Hz °") | _TIMES.keys()
@@ -165,6 +170,13 @@ def _alike(found: re.Match[str]) -> str:
     return f"{name if spelled is None or (power and '*' in spelled) else spelled}{power}"
 
 
+def _small(unit: str) -> str:
+    """Return a plain unit; a ratio in capitals only without these, if it is known then: M3/H, KG/H."""
+    small = plain(unit.lower())
+    shouted = "/" in unit and unit == unit.upper()
+    return small if shouted and _parsed(small) is not None else plain(unit)
+
+
 @lru_cache(2048)
 def _conversion(one: str, other: str, difference: bool) -> Conversion | None:
     """Return the conversion between two plain units."""
@@ -184,13 +196,16 @@ def _conversion(one: str, other: str, difference: bool) -> Conversion | None:
 
 
 def _label(unit: str) -> str:
-    """Return a unit without capitals, but for single letters and what may be a prefix: mX is not MX."""
+    """Return a unit without products and capitals, but for single letters and what may be a prefix.
+
+    So "% RH" is "%rh", but mX is not MX.
+    """
 
     def small(found: re.Match[str]) -> str:
         kept = 1 if found[0][0] in "mMpP" or len(found[1]) == 1 else 0
         return found[0][:kept] + found[0][kept:].lower()
 
-    return _TOKEN.sub(small, unit)
+    return re.sub(r"\(([%\w]+)\)", r"\1", _TOKEN.sub(small, unit).replace("*", ""))
 
 
 # --- What pint knows of units. It takes a moment to load, so only units that differ need it.

@@ -12,7 +12,8 @@ def main() -> None:
     gc.set_threshold(100_000)
     for stream in (sys.stdout, sys.stderr):
         # cp1252, as in a file on Windows, has no ✓ and no ∞: a question mark ends no command.
-        if isinstance(stream, TextIOWrapper) and stream.errors == "strict":
+        # In the locale C, what is read may pass through, but no other character.
+        if isinstance(stream, TextIOWrapper) and stream.errors in ("strict", "surrogateescape"):
             stream.reconfigure(errors="replace")
     from .cli import main as run
 

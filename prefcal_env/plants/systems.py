@@ -276,7 +276,8 @@ def _cleaned(num: Any, den: Any, dt: float) -> tuple[np.ndarray, np.ndarray, tup
     """Return num and den without rounding and common factors, and what was left out.
 
     Rounding are leading coefficients that contribute less than 1e-12 of the polynomial where s is as
-    large as the poles (z = 1).
+    large as the poles (z = 1), and last ones that do so at all poles but those that they make: these
+    integrate.
 
     Raises:
         PlantError: If the denominator is 0, or an unstable pole cancels.
@@ -286,13 +287,31 @@ def _cleaned(num: Any, den: Any, dt: float) -> tuple[np.ndarray, np.ndarray, tup
         raise PlantError("a transfer function needs a denominator that is not 0")
     if not len(b):
         return b, np.ones(1), ()  # it has no states
-    sizes = np.sort(np.abs(np.roots(a)))
+    sizes = np.abs(np.roots(a))
     sizes = sizes[sizes > 0]
-    usual = float(sizes[(len(sizes) - 1) // 2]) if len(sizes) and not dt else 1.0
+    # The unit of time is chosen so that the poles that matter are near 1.
+    usual = float(sizes[np.argmin(np.abs(np.log(sizes)))]) if len(sizes) and not dt else 1.0
     first = [int(np.argmax(terms > _TINY * terms.max())) for terms in (_terms(b, usual), _terms(a, usual))]
-    said = ["coefficients that are rounding, below 1e-12 of their polynomial"] if any(first) else []
-    b, a, common = _without_common(b[first[0] :], a[first[1] :], usual, dt)
+    b, a = b[first[0] :], a[first[1] :]
+    last = 0 if dt else _last(a)
+    said = (
+        ["coefficients that are rounding, below 1e-12 of their polynomial"]
+        if any(first) or a[len(a) - last :].any()
+        else []
+    )
+    a = np.append(a[: len(a) - last], np.zeros(last))
+    b, a, common = _without_common(b, a, usual, dt)
     return b, a, tuple(f"Left out of a transfer function: {words}." for words in [*said, *common])
+
+
+def _last(a: np.ndarray) -> int:
+    """Return how many of the last coefficients are rounding or 0; without them, so many poles are at 0."""
+    sizes = np.append(np.sort(np.abs(np.roots(a))), 1.0)
+    for count in range(len(a) - 1, 0, -1):
+        terms = _terms(a, float(sizes[count]))
+        if (terms[-count:] <= _TINY * terms.max()).all():
+            return count
+    return 0
 
 
 def _without_common(

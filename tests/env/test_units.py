@@ -10,15 +10,19 @@ from prefcal_env.units import Conversion, conversion, convert, known, same, seco
 from support.new_process import in_a_new_process
 
 EQUAL = {
-    "°C": ["degC", "ºC", "℃", "deg C", "Celsius", "° C", "degrees C", "C"],
+    "°C": ["degC", "ºC", "℃", "deg C", "Cel", "Celsius", "° C", "degrees C", "C"],
     "K": ["kelvin", "Kelvin", "degK"],
     "min": ["Min", "MIN", "minutes", "Minutes", "min.", " min "],
     "s": ["sec", "Sec", "seconds", "sec."],
     "h": ["hr", "hours", "Hours"],
-    "m³/h": ["m3/h", "m^3/h", "m**3 / h", "m³·h⁻¹", "m3 per h", "㎥/h"],
+    "m³/h": ["m3/h", "m^3/h", "m**3 / h", "m³·h⁻¹", "m3 per h", "㎥/h", "M3/H", "cbm/h"],
     "µm": ["μm", "um"],
     "%": ["percent", "pct", "％"],
-    "": ["-", "1"],
+    "": ["-", "1", "–"],
+    "%RH": ["% RH", "%rh"],
+    "kg/h": ["KG/H", "kg/hr"],
+    "mmHg": ["mm Hg"],
+    "pH": ["PH"],
     "rpm": ["U/min", "RPM", "r/min"],
     "l/min": ["L/min", "lpm", "liters/min"],
     "bar": ["Bar", "BAR"],

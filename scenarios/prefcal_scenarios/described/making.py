@@ -310,11 +310,12 @@ def _kpi(
 def _in_its_unit(kpi: KPI, given: dict[str, Any], differences: Collection[str]) -> dict[str, Any]:
     """Return what a file says of a KPI, with its numbers in the unit in which the KPI is computed."""
     unit = given.get("unit")
-    if unit is None or not kpi.unit:
+    if unit is None or (not kpi.unit and kpi.name in differences):  # an output may have no unit
         return given
-    found = conversion(unit, kpi.unit, difference=kpi.name in differences)
+    found = conversion(unit, kpi.unit or "1", difference=kpi.name in differences)
     if found is None or found.offset:  # whether a temperature is a difference is not known of others
-        raise ScenarioError(f"its unit must be {kpi.unit}, or one that converts into it, got {unit!r}")
+        expected = kpi.unit or "1"
+        raise ScenarioError(f"its unit must be {expected}, or one that converts into it, got {unit!r}")
     sizes = ("at_most", "at_least", "resolution")
     converted = {key: found.to(given[key]) for key in sizes if given.get(key) is not None}
     return {**given, **converted, "unit": kpi.unit}

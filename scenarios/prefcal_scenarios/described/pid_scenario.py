@@ -1,5 +1,6 @@
 """A scenario made of nothing but a plant: its PID is tuned, everything else is found."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -12,6 +13,7 @@ from prefcal_env.errors import ScenarioError
 from prefcal_env.knobs import Knob
 from prefcal_env.plants.plant import Plant
 from prefcal_env.plants.systems import LinearSystem
+from prefcal_env.units import conversion, plain
 from prefcal_scenarios.scenario import Scenario
 
 from .design import SAMPLES, Design, Single, design, settling
@@ -69,10 +71,8 @@ def pid_scenario(
     """
     plant = plant_of(plant, horizon)
     found = design(plant, _tuned, reference, horizon)
-    made = [knob for k in range(len(found.loops)) for knob in _knobs(plant, found, k)]
-    loops = [(plant.outputs[loop.output], loop.channel) for loop in found.loops]
-    unstated = [f"K_p{found.suffix(k)}" for k, (y, u) in enumerate(loops) if not (y.unit and u.unit)]
-    space, factors = space_of(made, [_signed(plant, found, knob) for knob in knobs], "PID", unstated)
+    made = [knob for k in range(len(found.loops)) for knob in _knobs(plant, found, k, knobs)]
+    space, factors = space_of(made, [_signed(plant, found, knob) for knob in knobs], "PID")
     # The rules that apply to every loop.
     named = [n for n in found.loops[0].tunings if all(n in loop.tunings for loop in found.loops)]
     tunings = {name: [loop.tunings[name] for loop in found.loops] for name in named}
@@ -217,7 +217,7 @@ def _tunings(
     return found
 
 
-def _knobs(plant: Plant, found: Design, k: int) -> list[Knob]:
+def _knobs(plant: Plant, found: Design, k: int, own: Sequence[Knob]) -> list[Knob]:
     """Return K_p, T_i, T_d and b of loop k, with ranges around the robust tuning."""
     loop, end, time = found.loops[k], found.suffix(k), plant.time_unit
     y, u, center = plant.outputs[loop.output], loop.channel, loop.tunings["robust"]
@@ -225,8 +225,7 @@ def _knobs(plant: Plant, found: Design, k: int) -> list[Knob]:
     about = {name: where + text for name, text in _ABOUT.items()}
     if _sign(loop) < 0:
         about["K_p"] += f" Negative, or the feedback from {y.name} to {u.name} would be positive."
-    below = f"({y.unit})" if set(y.unit) & set("/ *·") else y.unit
-    unit = f"{u.unit or '1'}/{below}" if y.unit else u.unit
+    unit = _unit(u.unit, y.unit, next((knob.unit for knob in own if knob.name == f"K_p{end}"), ""))
     gain = _around([t.K_p for t in loop.tunings.values()])
     times = _around([t.T_i for t in loop.tunings.values()])
     return [
@@ -235,6 +234,21 @@ def _knobs(plant: Plant, found: Design, k: int) -> list[Knob]:
         Knob(f"T_d{end}", 0.0, float(f"{2 * center.T_d:.2g}"), time, about=about["T_d"]),
         Knob(f"b{end}", 0.0, 1.0, about=about["b"]),
     ]
+
+
+def _unit(u: str, y: str, given: str) -> str:
+    """Return the unit of K_p by those of input and output; the one that is not stated is as in `given`."""
+    if not (u or y):
+        return given
+    parts = re.fullmatch(r"(.*)/(\(.*\)|[^/()]*)", given)
+    above, below = (parts[1], parts[2].strip("()")) if parts else ("", "")
+    if not u or plain(u) == "1":
+        u = above if not u and above and conversion(below, y, difference=True) else "1"
+    if not y:
+        y = below if below and conversion(above, u) else "1"
+    if plain(y) == "1":
+        return "" if u == "1" else u
+    return f"{u}/({y})" if set(y) & set("/ *·") else f"{u}/{y}"
 
 
 def _sign(loop: Single) -> float:

@@ -1,6 +1,6 @@
 """The scenario of a plant whose references step one after the other, then loads act, and its KPIs."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Protocol, Self
@@ -169,13 +169,10 @@ Factors = Float[np.ndarray, " n"]
 """What the values of the knobs are multiplied by to be in the plant's units, shape (n,)."""
 
 
-def space_of(
-    knobs: Sequence[Knob], own: Sequence[Knob], kind: str, unstated: Collection[str] = ()
-) -> tuple[KnobSpace, Factors]:
+def space_of(knobs: Sequence[Knob], own: Sequence[Knob], kind: str) -> tuple[KnobSpace, Factors]:
     """Return the space of `knobs`, where those of the same name in `own` replace them, and its factors.
 
-    An own knob without a unit gets that of the knob that it replaces. Those in `unstated` may have any,
-    since the plant does not say what they are in.
+    An own knob without a unit gets that of the knob that it replaces.
 
     Raises:
         ScenarioError: If an own knob has another name, or a unit that cannot be converted to the plant's.
@@ -190,7 +187,7 @@ def space_of(
     chosen, factors = [], np.ones(len(knobs))
     for i, knob in enumerate(knobs):
         one = given.get(knob.name, knob)
-        if one.name not in unstated and one.unit:
+        if one.unit:
             factors[i] = _factor(one, knob.unit or "1")
         chosen.append(replace(one, unit=one.unit or knob.unit, about=one.about or knob.about))
     return KnobSpace(chosen), factors

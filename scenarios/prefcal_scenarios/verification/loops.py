@@ -103,7 +103,8 @@ class VariedLoop:
         """Return what varies; `said` is what does not, beside what follows from plant and task."""
         late, waits = latest(self.plant, self.task.measurement_delay) > 0, waits_inside(self.plant)
         missing = {
-            "the plant has no dead time, and none is added: see the delay margin": late or waits,
+            "the plant states no dead time, and none is added (that of a Padé approximation varies with the "
+            "time constants): see the delay margin": late or waits,
             "dead time in the states of the plant (poles at 0) is not varied: state it as a delay": not waits,
             "no rate of an actuator is stated, so none is varied": self.task.max_move is not None,
             "the task has no steps of a load, so none is varied": self._loaded,

@@ -95,7 +95,7 @@ def test_help_loads_neither_plots_nor_compilers_nor_agents():
     assert loaded_by("prefcal_app.cli", *heavy) == []
 
 
-@pytest.mark.parametrize("encoding", ["cp1252", "ascii"])
+@pytest.mark.parametrize("encoding", ["cp1252", "ascii", "ascii:surrogateescape"])
 @pytest.mark.parametrize("words", [["--help"], ["check", "own.py:toy"], ["check", "own.py:toy", "--json"]])
 def test_what_an_encoding_lacks_is_replaced_and_ends_no_command(tmp_path, encoding, words):
     (tmp_path / "own.py").write_text(

@@ -460,6 +460,24 @@ def test_a_knob_in_a_unit_of_something_else_is_refused(knob, words):
         pid_scenario(in_minutes(), knobs=[knob])
 
 
+@pytest.mark.parametrize(
+    ("u", "y", "good", "wrong", "words"),
+    [
+        ("", "°C", "%/K", "°C/%", "its unit must be 1/°C"),
+        ("", "l/min", "%/(l/min)", "%/(m3/h)", r"its unit must be %/\(l/min\).*multiply its range by 0.06"),
+        ("W", "", "W/bar", "kW/bar", "its unit must be W/bar.*multiply its range by 1000"),
+        ("m3/h", "", "m3/h", "°C/%", "its unit must be m3/h"),
+        ("%", "-", "%", "%/K", "its unit must be %, "),
+    ],
+)
+def test_a_gain_fits_what_the_plant_states_of_its_units(u, y, good, wrong, words):
+    """Of input and output, only one may have a unit: the gain then says the other one's."""
+    plant = Plant.of(([0.8], [20, 1]), delay=6.0, inputs=[Channel("u", u, 0, 9)], outputs=[Channel("y", y)])
+    assert [*pid_scenario(plant, knobs=[Knob("K_p", 1, 5, good)]).space][0].unit == good
+    with pytest.raises(ScenarioError, match=words):
+        pid_scenario(plant, knobs=[Knob("K_p", 1, 5, wrong)])
+
+
 def test_a_knob_without_a_unit_has_that_of_the_plant():
     knobs = [Knob("T_i", 1, 100), Knob("K_p", 0.5, 5, "%/K", scale="log10")]
     assert [k.unit for k in pid_scenario(in_minutes(), knobs=knobs).space][:2] == ["%/K", "min"]

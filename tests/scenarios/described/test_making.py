@@ -263,6 +263,8 @@ def test_margins_can_be_limits_of_a_pid(tmp_path):
     assert not phase.met_by(run)
     assert gain.met_by(run)
     assert 40 < run.kpis["phase_margin"] < 50
+    file.write_text(f'{text}M_s = {{ at_most = 170, unit = "%" }}\n')
+    assert load(str(file)).kpis[1].at_most == pytest.approx(1.7)
     assert run.kpis["M_s"] == without.run(theta).kpis["M_s"]
     assert "phase_margin" not in without.run(theta).kpis
 

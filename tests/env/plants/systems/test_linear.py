@@ -322,6 +322,9 @@ def times(fraction, *factors):
         (([1e-16, 2e-16, 0, *G[0]], G[1]), G, 0.0, "rounding"),
         (([1e-16, *G[0]], G[1]), G, 0.0, "rounding"),
         ((G[0], [1e-17, *G[1]]), G, 0.0, "rounding"),
+        (([1.0], [2.0, 1.0, 1e-14]), ([1.0], [2.0, 1.0, 0.0]), 0.0, "rounding"),
+        (([-2e-16, 0.5], [1.0, 0.5, -8e-16]), ([0.5], [1.0, 0.5, 0.0]), 0.0, "rounding"),
+        (([1.0], [1.0, 1e-16, -1e-17]), ([1.0], [1.0, 0.0, 0.0]), 0.0, "rounding"),
         (times(H, [1, -1]), H, 0.2, "z = 1 cancel"),
         (times(H, [1, 1]), H, 0.2, "z = -1 cancel"),
         ((np.concatenate([[1e-16, 1e-16], H[0]]), H[1]), H, 0.2, "rounding"),
@@ -360,6 +363,7 @@ def test_an_unstable_pole_that_cancels_is_refused(fraction, factor, dt):
         (np.poly([-1.0] * 6), np.poly([-0.9] * 7)),
         ([1.0], [1e-15, 1e-7, 1.0]),  # fast, in s
         ([1e-6, 1.0], [1.0, 1.0, 0.0]),
+        ([1e-15], [1.0, 3e-5, 3e-10, 1e-15]),
     ],
 )
 def test_what_is_no_rounding_stays(fraction):
