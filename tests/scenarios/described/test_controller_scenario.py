@@ -473,7 +473,7 @@ def test_a_knob_in_a_unit_of_something_else_is_refused(knob, words):
 def test_a_gain_fits_what_the_plant_states_of_its_units(u, y, good, wrong, words):
     """Of input and output, only one may have a unit: the gain then says the other one's."""
     plant = Plant.of(([0.8], [20, 1]), delay=6.0, inputs=[Channel("u", u, 0, 9)], outputs=[Channel("y", y)])
-    assert [*pid_scenario(plant, knobs=[Knob("K_p", 1, 5, good)]).space][0].unit == good
+    assert next(iter(pid_scenario(plant, knobs=[Knob("K_p", 1, 5, good)]).space)).unit == good
     with pytest.raises(ScenarioError, match=words):
         pid_scenario(plant, knobs=[Knob("K_p", 1, 5, wrong)])
 
