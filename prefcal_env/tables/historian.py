@@ -191,25 +191,7 @@ class _Long:
         """Return the table with a column for each tag, and its rows in the order of time."""
         import pandas as pd
 
-        signals, left_out = [], []
-        every = self.tags.dropna()
-        blocks = (every != every.shift()).sum() == every.nunique()  # one tag after the other
-        clock = None if blocks else _common_clock(sheet, self.time, time_format)
-        for tag in every.unique():
-            rows = np.flatnonzero(self.tags == tag)
-            own = None if clock is None else replace(clock, s=clock.s[rows])
-            signal = _Signal.of(self, sheet, rows, str(tag), time_format, own)
-            if signal is None:
-                left_out.append(str(tag))
-            else:
-                signals.append(signal)
-        if not signals:
-            raise RecordError(f"none of the tags in column {sheet.name(self.tag)!r} has numbers")
-        if jumped := [s.name for s in signals if bool(s.said) != bool(signals[0].said)]:
-            raise RecordError(
-                f"the clock jumps, but the rows of {jumped[0]!r} do not show when: sort all rows by time, or "
-                "write time stamps with their distance from UTC, such as 2026-10-25T02:00:00+01:00"
-            )
+        signals, left_out = self._signals(sheet, time_format)
         t, places = _common_times(signals)
         several = sum(len(each) - len(np.unique(each)) for each in places)
         if several and not repeated:
@@ -232,6 +214,29 @@ class _Long:
         headings = (sheet.headings[self.time], *(labeled(s.name, s.unit) for s in signals))
         said = (*sheet.said, *_told(sheet.name(self.tag), signals, left_out, several))
         return Sheet(headings, pd.DataFrame(columns), lines, bad=bad, said=said, own_times=True)
+
+    def _signals(self, sheet: Sheet, time_format: str | None) -> tuple[list["_Signal"], list[str]]:
+        """Return the tags that have numbers, and the names of the others."""
+        signals, left_out = [], []
+        every = self.tags.dropna()
+        blocks = (every != every.shift()).sum() == every.nunique()  # one tag after the other
+        clock = None if blocks else _common_clock(sheet, self.time, time_format)
+        for tag in every.unique():
+            rows = np.flatnonzero(self.tags == tag)
+            own = None if clock is None else replace(clock, s=clock.s[rows])
+            signal = _Signal.of(self, sheet, rows, str(tag), time_format, own)
+            if signal is None:
+                left_out.append(str(tag))
+            else:
+                signals.append(signal)
+        if not signals:
+            raise RecordError(f"none of the tags in column {sheet.name(self.tag)!r} has numbers")
+        if jumped := [s.name for s in signals if bool(s.said) != bool(signals[0].said)]:
+            raise RecordError(
+                f"the clock jumps, but the rows of {jumped[0]!r} do not show when: sort all rows by time, or "
+                "write time stamps with their distance from UTC, such as 2026-10-25T02:00:00+01:00"
+            )
+        return signals, left_out
 
 
 def _common_clock(sheet: Sheet, time: int, time_format: str | None) -> Clock | None:

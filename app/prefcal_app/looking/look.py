@@ -243,13 +243,7 @@ def _run_from(path: Path, about: TableColumns) -> NamedRun:
     beside = {time, *(names[name] for name in about.inputs)}
     beside |= {sheet.column(r, "") for r in reference.values() if isinstance(r, str)}
     outputs, left_out = _outputs(sheet, about, {n: i for n, i in names.items() if i not in beside})
-    for name in about.reference:
-        if name not in outputs:  # it would neither be drawn nor measured
-            there = "an input" if name in about.inputs else "not shown"
-            raise RecordError(
-                f"{name!r} has a reference but is {there}: the outputs are {', '.join(outputs)}; "
-                f"add it with --outputs, or leave --reference {name}=... out"
-            )
+    _check_shown(about, outputs)
     reference = {name: value for name, value in reference.items() if name in outputs}
     used = (*outputs, *about.inputs)
     # The page shows times as they are, and needs every row. Look computes KPIs of its own, and
@@ -278,6 +272,17 @@ def _run_from(path: Path, about: TableColumns) -> NamedRun:
     converted = _converted(sheet, experiment, names, reference)
     said = (_time_words(sheet, time, found), *words, *converted, *mended, *bridged, *left_out)
     return run_of(path.name, experiment, "; ".join(said))
+
+
+def _check_shown(about: TableColumns, outputs: Collection[str]) -> None:
+    """Refuse a reference of what is no output: it would neither be drawn nor measured."""
+    for name in about.reference:
+        if name not in outputs:
+            there = "an input" if name in about.inputs else "not shown"
+            raise RecordError(
+                f"{name!r} has a reference but is {there}: the outputs are {', '.join(outputs)}; "
+                f"add it with --outputs, or leave --reference {name}=... out"
+            )
 
 
 def _time_words(sheet: Sheet, time: int, found: Instants) -> str:
