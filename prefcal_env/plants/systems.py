@@ -290,11 +290,7 @@ def _cleaned(num: Any, den: Any, dt: float) -> tuple[np.ndarray, np.ndarray, tup
     sizes = np.abs(np.roots(a))
     sizes = sizes[sizes > 0]
     # The unit of time is chosen so that the poles that matter are near 1.
-    usual = (
-        float(sizes[np.argmin(np.abs(np.log(np.where(sizes > 0, sizes, np.inf))))])
-        if len(sizes) and not dt
-        else 1.0
-    )
+    usual = float(sizes[np.argmin(np.abs(np.log(sizes)))]) if len(sizes) and not dt else 1.0
     first = [int(np.argmax(terms > _TINY * terms.max())) for terms in (_terms(b, usual), _terms(a, usual))]
     b, a = b[first[0] :], a[first[1] :]
     last = 0 if dt else _last(a)

@@ -134,6 +134,7 @@ def test_a_row_for_each_tag_bad_values_and_what_is_left_out_are_said(tmp_path):
         assert words in run.about
 
 
+@pytest.mark.extended
 def test_a_workbook_is_looked_at(tmp_path):
     pytest.importorskip("python_calamine", reason="needs python-calamine: pip install 'prefcal[excel]'")
     with pytest.raises(RecordError, match="a workbook or an archive that cannot be read"):

@@ -374,6 +374,7 @@ STAMPED = [
 ]
 
 
+@pytest.mark.extended
 def test_a_workbook_is_read_as_the_same_table_in_a_csv(tmp_path):
     pytest.importorskip("python_calamine", reason="needs python-calamine: pip install 'prefcal[excel]'")
     path = tmp_path / "run.xlsx"
@@ -391,6 +392,8 @@ def test_a_workbook_is_read_as_the_same_table_in_a_csv(tmp_path):
         read(workbook([["Plant 7"], *STAMPED]))
     with pytest.raises(RecordError, match="got an empty sheet"):
         read(workbook([]))
+    with pytest.raises(RecordError, match="is a workbook or an archive that cannot be read"):
+        read(b"PK\x03\x04 workbook")
 
 
 def test_a_workbook_without_its_library_says_what_to_install(monkeypatch):
