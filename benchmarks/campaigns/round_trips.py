@@ -92,19 +92,27 @@ class Case:
         ends = [(self.moment, self.size, self.moment + (40 if self.kind == "steps" else 80))]
         if self.kind == "steps":
             ends.append((self.moment + 40, -0.5 * self.size, self.moment + 80))
+        miss = abs(self.size) * self.step**2 / 8  # a peak between two samples is not seen whole
         over, settled = [], []
         for begin, change, end in ends:
             rows = (t >= begin - 1e-9) & (t < end)
-            aim = r[rows][-1]
+            aim, off = r[rows][-1], np.abs((y - r)[rows])
             over.append(max(float((np.sign(change) * (y[rows] - aim)).max()), 0.0))
-            outside = np.abs((y - r)[rows]) > 0.03 * abs(change)
-            settled.append(float(t[rows][outside][-1] - begin) if outside.any() else 0.0)
+            settled.append([_last(t[rows], off, 0.03 * abs(change) + d) - begin for d in (miss, 0.0, -miss)])
         found = {"overshoot": (max(over), abs(self.size) * self.step**2 + LOUD * self.noise)}
         if not self.noise:  # it adds an area of its own, and moves the last entry into the band
             area = float(np.trapezoid(np.abs(y - r), t))
-            found["integrated error"] = (area, 0.02 * area)
-            found["settling time"] = (max(settled), 1.01 * self.step + 1e-3)
+            late = 0.5 * abs(self.size) * self.step if self.kind == "steps" else 0.0  # the second one is seen
+            found["integrated error"] = (area, 0.02 * area + late)
+            least, true, most = np.max(settled, axis=0)
+            found["settling time"] = (true, max(most - true, true - least) + 1.01 * self.step + 1e-3)
         return found
+
+
+def _last(t: Curve, off: Curve, band: float) -> float:
+    """Return when a distance `off` is last beyond `band`; the first time if it never is."""
+    outside = np.flatnonzero(off > band)
+    return float(t[outside[-1]] if len(outside) else t[0])
 
 
 FMU = """

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import ScenarioError
+from prefcal_env.units import AS_IT_IS, Conversion, conversion, plain
 from prefcal_env.wording import did_you_mean
 
 from .events import Response
@@ -60,8 +61,10 @@ class Formula:
     curve: bool = False  # whether it is a curve of a signal
     # Whether its values in an experiment are held until the next one, as they are drawn
     held: Callable[[Experiment], bool] = lambda run: True
-    # Functions of channels and keys of signals that find what it names, or raise ScenarioError.
-    names: tuple[Callable[[Channels, Collection[str]], Any], ...] = ()
+    # The unit of its values, given channels and keys of signals; "" of a number, which fits to any,
+    # "?" if it is not known. Raises ScenarioError if they lack what it names.
+    unit: Callable[[Channels, Collection[str]], str] = lambda channels, signals: ""
+    named: bool = False  # whether it holds a signal
 
 
 @lru_cache(maxsize=256)
@@ -77,19 +80,35 @@ def formula_of(text: str) -> Formula:
         found = _read(ast.parse(text.strip(), mode="eval").body)
     except (SyntaxError, ValueError, OverflowError, RecursionError, MemoryError) as error:
         raise ScenarioError(f"formula {text!r:.80}: {getattr(error, 'msg', error)}") from error
-    if found.curve or not (found.names or "time" in text):
+    if found.curve or not found.named:
         why = "is a curve: take its max(...), mean(...) or last(...)" if found.curve else "holds no signal"
         raise ScenarioError(f"formula {text!r:.80} {why}")
     return found
 
 
-def value_of(text: str, experiment: Experiment) -> float:
+def value_of(text: str, experiment: Experiment, unit: str = "") -> float:
     """Return the value of a formula in an experiment that has a record; NaN means unknown.
 
-    Raises ScenarioError if the experiment lacks a signal, or an output whose reference is needed.
+    Raises ScenarioError if the experiment lacks a signal, or an output whose reference is needed, or
+    the value cannot be converted to `unit`.
     """
+    into = conversion_of(text, unit, experiment.channels, experiment.signals)
     with np.errstate(all="ignore"):
-        return float(np.atleast_1d(formula_of(text).compute(experiment))[-1])
+        return into.to(float(np.atleast_1d(formula_of(text).compute(experiment))[-1]))
+
+
+def conversion_of(text: str, unit: str, channels: Channels, signals: Collection[str]) -> Conversion:
+    """Return how values of a formula become values in `unit`; unchanged where a unit is not known.
+
+    Raises ScenarioError if channels and keys of signals lack what it names, or there is no way.
+    """
+    found = formula_of(text).unit(channels, signals)
+    if found in ("", "?") or not unit:
+        return AS_IT_IS
+    into = conversion(found, unit, difference="delta_" in found)
+    if into is None and found != "1":  # that is a count of what the unit says
+        raise ScenarioError(f"it gives {found}, which cannot be converted to {unit}")
+    return into or AS_IT_IS
 
 
 def _read(node: ast.AST) -> Formula:
@@ -99,17 +118,19 @@ def _read(node: ast.AST) -> Formula:
             constant = np.float64(number)  # unlike an int, a power of it cannot grow without limit
             return Formula(lambda run: constant)
         case ast.Name("time"):
-            return Formula(lambda run: run.t - run.t[0], True, lambda run: False)
+            span = lambda channels, _: plain(channels.time_unit)  # noqa: E731
+            return Formula(lambda run: run.t - run.t[0], True, lambda run: False, span, True)
         case ast.Name(name) | ast.Constant(str(name)):
-            find = partial(plot_called, name)
-            return Formula(lambda run: _values(name, run), True, lambda run: _is_held(name, run), (find,))
+            unit = partial(_unit_called, name)
+            return Formula(lambda run: _values(name, run), True, lambda run: _is_held(name, run), unit, True)
         case ast.Call(ast.Name("ref"), [ast.Name(name) | ast.Constant(str(name))], []):
             place = partial(output_called, name)
+            unit = lambda channels, _: plain(channels.y[place(channels)].unit) or "?"  # noqa: E731
             # Beside a curve it is one, too; beside a number its last value counts.
-            return Formula(lambda run: run.reference(place(run.channels)), names=(place,))
+            return Formula(lambda run: run.reference(place(run.channels)), unit=unit, named=True)
         case ast.UnaryOp(op=op) | ast.BinOp(op=op) | ast.Compare(ops=[op]) if type(op) in _OPERATORS:
             operands = [_read(each) for each in ast.iter_child_nodes(node) if isinstance(each, ast.expr)]
-            return _joined(_OPERATORS[type(op)], operands)
+            return _joined(_OPERATORS[type(op)], operands, partial(_combined, node))
         case ast.Call(ast.Name(name), arguments, words):
             return _called(name, [*map(_read, arguments)], {word.arg: _read(word.value) for word in words})
     raise ScenarioError(
@@ -124,10 +145,10 @@ def _called(name: str, parts: Sequence[Formula], window: Mapping[str | None, For
         hint = did_you_mean(name, _FUNCTIONS)
         raise ScenarioError(f"there is no function {name!r}.{hint} Expected one of {', '.join(_FUNCTIONS)}")
     if name in ("max", "min") and len(parts) > 1 and not window:
-        return _joined(np.maximum if name == "max" else np.minimum, parts)
+        return _joined(np.maximum if name == "max" else np.minimum, parts, _common)
     one = len(parts) == 1 and (parts[0].curve or name in ("abs", "sqrt"))
     if one and name in _CURVES and not window:
-        return _joined(_CURVES[name], parts)
+        return _joined(_CURVES[name], parts, partial(_of_function, name, ""))
     timed = window.keys() <= {"after", "before"} and not any(end.curve for end in window.values())
     if not one or name not in _ALL or not timed:
         raise ScenarioError(f"{name} takes one signal; {', '.join(_ALL)} take after= and before=, too")
@@ -137,7 +158,14 @@ def _called(name: str, parts: Sequence[Formula], window: Mapping[str | None, For
         span = ends.get("after", -np.inf), ends.get("before", np.inf)
         return _in_window(name, parts[0].compute(run), run.t - run.t[0], *span, held=parts[0].held(run))
 
-    return replace(_joined(np.add, [*parts, *window.values()]), compute=compute, curve=False)
+    joined = _joined(np.add, [*parts, *window.values()])
+
+    def unit(channels: Channels, signals: Collection[str]) -> str:
+        spans = [end.unit(channels, signals) for end in window.values()]
+        _common(plain(channels.time_unit), *spans)
+        return _of_function(name, plain(channels.time_unit), parts[0].unit(channels, signals))
+
+    return replace(joined, compute=compute, curve=False, unit=unit)
 
 
 def _values(name: str, run: Experiment) -> Any:
@@ -173,8 +201,13 @@ def _in_window(name: str, x: Any, t: Any, after: float, before: float, *, held: 
     return _OVER_TIME[name](x[kept][:1], x[kept][:1], np.ones(1)) if kept.any() else np.nan
 
 
-def _joined(function: Callable[..., Any], parts: Sequence[Formula]) -> Formula:
-    """Return the formula that applies `function` to its part, or from the first of several to the last."""
+def _joined(
+    function: Callable[..., Any], parts: Sequence[Formula], rule: Callable[..., str] = lambda *units: "?"
+) -> Formula:
+    """Return the formula that applies `function` to its part, or from the first of several to the last.
+
+    Its unit follows from those of the parts by `rule`.
+    """
 
     def compute(run: Experiment) -> Any:
         first, *others = (part.compute(run) for part in parts)
@@ -183,8 +216,78 @@ def _joined(function: Callable[..., Any], parts: Sequence[Formula]) -> Formula:
     def held(run: Experiment) -> bool:
         return all(part.held(run) for part in parts)
 
-    names = tuple(name for part in parts for name in part.names)
-    return Formula(compute, any(part.curve for part in parts), held, names)
+    def unit(channels: Channels, signals: Collection[str]) -> str:
+        return rule(*(part.unit(channels, signals) for part in parts))
+
+    curve, named = any(part.curve for part in parts), any(part.named for part in parts)
+    return Formula(compute, curve, held, unit, named)
+
+
+# --- Follow the unit of a formula, so that a KPI in min of a plant in s is converted, or refused.
+
+
+def _unit_called(name: str, channels: Channels, signals: Collection[str]) -> str:
+    """Return the unit of a signal; of an output that of what is measured."""
+    measured = [channel for channel in channels.y if channel.name == name]
+    return plain((measured or [plot_called(name, channels, signals).channel])[0].unit) or "?"
+
+
+def _combined(node: ast.AST, *units: str) -> str:
+    """Return the unit of an operation on values in `units`."""
+    one, *others = units
+    match node:
+        case ast.BinOp(op=ast.Sub()):
+            return _step(_common(*units))
+        case ast.BinOp(op=ast.Add()):
+            return _common(*units)
+        case ast.Compare():
+            _common(*units)
+            return "1"
+        case ast.BinOp(op=ast.Mult()):
+            return _product(one, others[0])
+        case ast.BinOp(op=ast.Div()) if not {"", "?"} & {*units}:
+            return "1" if one == others[0] else f"{_step(one)}/({_step(others[0])})"
+        case ast.BinOp(op=ast.Pow(), right=ast.Constant(int(power))) if power > 0:
+            return reduce(_product, [one] * power)
+        case ast.UnaryOp():
+            return one
+    return "?" if any(units) else ""
+
+
+def _common(*units: str) -> str:
+    """Return the unit of values that are added or compared; that of numbers is the same.
+
+    Raises ScenarioError if they measure the same in different units.
+    """
+    there = [unit for unit in units if unit]
+    if "?" in there:
+        return "?"
+    for other in there[1:]:
+        into = conversion(other, there[0], difference="delta_" in f"{other} {there[0]}")
+        if into is None:
+            return "?"  # a score of several things
+        if into != AS_IT_IS:
+            raise ScenarioError(f"it adds or compares {there[0]} and {other}: convert one of them")
+    return next((unit for unit in there if not unit.startswith("delta_")), there[0] if there else "")
+
+
+def _step(unit: str) -> str:
+    """Return the unit of a difference of values: that of temperatures has no zero of its own."""
+    return f"delta_{unit}" if unit in ("degC", "degF") else unit
+
+
+def _product(one: str, other: str) -> str:
+    """Return the unit of a product."""
+    if "?" in (one, other) or not one or not other:
+        return "?" if one or other else ""  # a number may be a factor that converts the other one
+    return next((b for a, b in ((one, other), (other, one)) if a == "1"), f"{_step(one)}*{_step(other)}")
+
+
+def _of_function(name: str, time: str, unit: str) -> str:
+    """Return the unit of a function of a signal, given those of time and of the signal."""
+    if name == "integral":
+        return _product(unit, time)
+    return {"sqrt": "?", "diff": _step(unit), "peak_to_peak": _step(unit)}.get(name, unit)
 
 
 def as_read(
@@ -428,9 +531,9 @@ class Tracking:
 
 @dataclass(frozen=True, slots=True)
 class Formulas:
-    """Function that returns the KPIs of an experiment, and those of formulas: pairs of name and text."""
+    """Function that returns the KPIs of an experiment, and those of formulas: name, text and unit."""
 
-    texts: tuple[tuple[str, str], ...]
+    texts: tuple[tuple[str, str, str], ...]
 
     def __call__(self, experiment: Experiment) -> Mapping[str, float]:
         """Return the KPIs of an experiment by name; the formulas count, if there is a record.
@@ -438,9 +541,9 @@ class Formulas:
         Raises ScenarioError if the experiment lacks what a formula names.
         """
         found = dict(experiment.kpis)
-        for name, text in self.texts if len(experiment.t) else ():
+        for name, text, unit in self.texts if len(experiment.t) else ():
             try:
-                found[name] = value_of(text, experiment)
+                found[name] = value_of(text, experiment, unit)
             except ScenarioError as error:
                 raise ScenarioError(f"formula of KPI {name!r}: {error}") from error
         return found

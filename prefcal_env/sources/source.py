@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from prefcal_env.errors import ExperimentError, ScenarioError
 from prefcal_env.experiments.experiment import Channel, Channels, Experiment, KPIs
-from prefcal_env.experiments.kpis import formula_of
+from prefcal_env.experiments.kpis import conversion_of
 from prefcal_env.experiments.panels import MEAN, check_channels, check_name, combined, named
 from prefcal_env.knobs import Knob, KnobSpace
 
@@ -372,13 +372,13 @@ def with_own(own: KPIs | None, kpis: KPIs) -> KPIs:
 
 
 def formula_problems(kpis: Iterable[Any], channels: Channels, signals: Collection[str]) -> Iterator[str]:
-    """Yield which formulas of KPIs name what channels and keys of signals lack."""
+    """Yield which formulas of KPIs name what channels and keys of signals lack, or have another unit."""
     for kpi in kpis:
-        for find in formula_of(kpi.formula).names if kpi.formula else ():
-            try:
-                find(channels, signals)
-            except ScenarioError as error:
-                yield f"formula of KPI {kpi.name!r}: {error}"
+        try:
+            if kpi.formula:
+                conversion_of(kpi.formula, kpi.unit, channels, signals)
+        except ScenarioError as error:
+            yield f"formula of KPI {kpi.name!r}: {error}"
 
 
 class Function(Source):

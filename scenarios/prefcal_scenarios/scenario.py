@@ -116,7 +116,7 @@ class Scenario:
             names = [kpi.name for kpi in found]
             self._measure(lambda there: Tracking.promised(there, names))
         check_parts(self)
-        if formulas := tuple((kpi.name, kpi.formula) for kpi in self.kpis if kpi.formula):
+        if formulas := tuple((k.name, k.formula, k.unit) for k in self.kpis if k.formula):
             self._measure(lambda _: Formulas(formulas))
 
     def _measure(self, kpis_of: KPIsOf) -> None:

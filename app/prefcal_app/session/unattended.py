@@ -11,11 +11,12 @@ from jaxtyping import Float
 from prefcal_env.errors import RunError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.preferences.answer import Answer, Calibrator, Comparison, Preference
+from prefcal_env.wording import in_words, located
 from prefcal_env.workers import GRACE
 
 from .interview import Interview
 from .runs import UNBIDDEN
-from .study import Phase, Question
+from .study import Now, Phase, Question
 
 # --- Run an interview's experiments in a thread while a person looks at the last one.
 
@@ -62,7 +63,7 @@ class Background:
 # --- Run an interview without a person: a synthetic calibrator answers every question.
 
 _PATIENCE = 0.5  # longest wait for an experiment that runs elsewhere, in seconds
-_MOST_LOST = 3  # number of runs in a row that crash or take too long after which the study is given up
+_MOST_LOST = 3  # runs in a row without an experiment after which the study is given up
 
 
 def unattended(
@@ -79,12 +80,12 @@ def unattended(
         interview: Interview to drive.
         calibrator: Calibrator that answers; None if the agent learns from scores.
         running: Function called with each θ, physical, shape (n,), before it runs.
-        failed: Function called with a message for each run that crashed or took too long, which
-            counts as a failed experiment.
+        failed: Function called with a message for each run that crashed, raised an error or took
+            too long, which counts as a failed experiment.
 
     Raises:
-        Exception: If the scenario's run raised it, or several runs in a row crashed or took too
-            long.
+        Exception: If the scenario's run raised it before any experiment was there, or several runs
+            in a row raised errors, crashed or took too long.
         StudyError: If the study file cannot be written.
     """
     known = interview.now().state.history.answered
@@ -140,7 +141,7 @@ def _given(calibrator: Calibrator[Experiment], question: Question) -> Answer:
 
 
 def _lost(interview: Interview, before: int, failed: Callable[[str], None]) -> bool:
-    """Count a run that crashed or took too long as failed; return whether there was one.
+    """Count a run that crashed, raised an error or took too long as failed; return whether there was one.
 
     `before` is the number of such runs in a row so far. Any other problem is raised.
     """
@@ -149,9 +150,18 @@ def _lost(interview: Interview, before: int, failed: Callable[[str], None]) -> b
         return False
     try:
         interview.raise_problem()
-    except RunError as error:
-        if error.why not in UNBIDDEN or before + 1 >= _MOST_LOST or now.pending is None:
+    except Exception as error:
+        if now.pending is None or before + 1 >= _MOST_LOST or not _is_of_this_run(error, now):
             raise
-        failed(f"Experiment {now.pending.index + 1} failed: {error}")
-        interview.steps.fail(now.pending.index, str(error))
+        failed(f"Experiment {now.pending.index + 1} failed: {in_words(located(error))}")
+        interview.steps.fail(now.pending.index, in_words(error))
     return True
+
+
+def _is_of_this_run(error: Exception, now: Now) -> bool:
+    """Return whether `error` says something of the θ that ran, and not of the scenario or the study."""
+    if now.state.history.answered not in now.state.failures:
+        return False  # a full disk, for example
+    if isinstance(error, RunError) and error.why != "raised":
+        return error.why in UNBIDDEN
+    return bool(now.state.finished)  # code that has never given an experiment is mended first

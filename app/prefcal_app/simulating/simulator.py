@@ -29,7 +29,7 @@ from prefcal_env.preferences.answer import Outcome
 from prefcal_env.preferences.history import History, Sample
 from prefcal_env.study import knobs_as_dicts, within_as_dict
 from prefcal_env.study.file import SIMULATED, is_simulated
-from prefcal_env.units import same
+from prefcal_env.units import named, same
 from prefcal_env.wording import labeled
 from prefcal_env.workers import Pool, Terms, usable_cores
 from prefcal_scenarios import verification
@@ -174,11 +174,11 @@ def twin_of(plant: Scenario, model: Scenario) -> Scenario:
             f"{', '.join(missing)}, and has {has}"
         )
     for kpi in plant.kpis:
-        unit = next((k.unit for k in model.kpis if k.name == kpi.name), "")
-        if kpi.unit and unit and not same(unit, kpi.unit):
+        unit = next((k.unit for k in model.kpis if k.name == kpi.name), kpi.unit)
+        if not same(unit, kpi.unit):
             raise SettingsError(
                 f"the twin {model.name!r} must have the KPIs of {plant.name!r} in the same units: "
-                f"{kpi.name!r} is in {unit}, expected {kpi.unit}"
+                f"{kpi.name!r} is in {named(unit)}, expected {named(kpi.unit)}"
             )
     if has_goals(model) and not has_goals(plant):
         raise SettingsError(

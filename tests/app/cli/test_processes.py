@@ -87,7 +87,8 @@ def test_a_rig_that_breaks_down_leaves_a_report_and_its_own_error(tmp_path):
     code, _, err = finished(tmp_path, "calibrate", "rig.py:rig", *words)
     assert code not in (0, 2, 130)
     assert "the pump does not answer" in err
-    assert "after 3 of 50 experiments" in (tmp_path / "out" / "report.html").read_text("utf-8")
+    assert "after 5 of 50 experiments" in (tmp_path / "out" / "report.html").read_text("utf-8")
+    assert err.count("failed: ") == 2  # the third error in a row ends the study
 
 
 def test_help_loads_neither_plots_nor_compilers_nor_agents():

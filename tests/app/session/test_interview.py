@@ -335,6 +335,28 @@ def test_a_run_without_a_record_has_no_score_and_loses(toy):
     assert interview.past.comparisons()[-1].winner_index == interview.now().incumbent
 
 
+def test_without_a_person_a_theta_whose_run_raises_has_failed_and_the_study_goes_on(toy):
+    """What happens at some θ is data; code that has never given an experiment is mended first."""
+
+    def run(theta, seed=0):
+        if theta[0] < 0.8:
+            raise RuntimeError("the pump is off")
+        return toy.run(theta)
+
+    interview, said = begin(replace(toy, run=run), agent=GLIS), []
+    list(unattended(interview, None, failed=said.append))
+    state = interview.now().state
+    low = [k for k, s in enumerate(state.history.samples) if s.theta[0] < 0.8]
+    assert low
+    assert [c.challenger for c in state.history.comparisons if c.answer.value is None] == low
+    assert [words.split(" (")[0] for words in said] == [
+        f"Experiment {index + 1} failed: RuntimeError: the pump is off" for index in low
+    ]
+    broken = begin(replace(toy, run=lambda theta, seed=0: run(theta * 0)), agent=GLIS)
+    with pytest.raises(RuntimeError, match="the pump is off"):
+        list(unattended(broken, None))
+
+
 @pytest.mark.parametrize("choice", Choice)
 def test_every_verdict_is_foreseen(toy, choice):
     interview = begin(toy, n_max=9, ahead=True)

@@ -30,14 +30,14 @@ def test_a_scenario_that_cannot_be_the_twin_is_refused(wrong, complaint):
         twin_of(plant, wrong)
 
 
-@pytest.mark.parametrize("unit", ["min", "m"])
+@pytest.mark.parametrize("unit", ["min", "m", ""])
 def test_a_twin_with_a_kpi_in_another_unit_is_refused(unit):
     first, *others = plant.kpis
     ours, theirs = (
         replace(each, kpis=(replace(first, unit=stated), *others))
         for each, stated in ((plant, "s"), (replace(model, kpis=plant.kpis), unit))
     )
-    with pytest.raises(SettingsError, match=f"{first.name!r} is in {unit}, expected s"):
+    with pytest.raises(SettingsError, match=f"{first.name!r} is in {unit or 'no unit'}, expected s"):
         twin_of(ours, theirs)
     assert twin_of(ours, replace(theirs, kpis=(replace(first, unit="sec"), *others))).name == "model"
 

@@ -13,8 +13,9 @@ from hypothesis.extra.numpy import arrays
 from prefcal_env import Channel, Channels, End, Experiment, recorded, tracking_kpis
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments import kpis as formula
-from prefcal_env.experiments.kpis import Formulas, formula_of, value_of
+from prefcal_env.experiments.kpis import KPI, Formulas, conversion_of, formula_of, value_of
 from prefcal_env.experiments.panels import without_record
+from prefcal_env.sources.source import formula_problems
 
 LEVEL, VALVE = Channel("level", "m"), Channel("valve", "%")
 
@@ -161,14 +162,14 @@ def test_what_is_not_finite_is_data(text, expected):
 
 
 def test_a_run_without_a_record_has_no_kpis():
-    kpis = Formulas((("peak", "max(level)"),))
+    kpis = Formulas((("peak", "max(level)", ""),))
     assert kpis(RUN.with_kpis({}))["peak"] == SWINGING.max()
     assert kpis(without_record(RUN)) == {}
 
 
 def test_a_wrong_name_is_said_with_the_kpi_if_only_the_run_shows_it():
     with pytest.raises(ScenarioError, match=r"formula of KPI 'peak': signal 'levl': .*mean 'level'"):
-        Formulas((("peak", "max(levl)"),))(RUN)
+        Formulas((("peak", "max(levl)", ""),))(RUN)
 
 
 @pytest.mark.parametrize(
@@ -201,9 +202,68 @@ def test_a_wrong_formula_is_refused_in_clear_words(text, says):
 
 
 def test_names_are_checked_before_anything_runs():
-    (find,) = formula_of("max(valv)").names
     with pytest.raises(ScenarioError, match="Did you mean 'valve'"):
-        find(RUN.channels, ())
+        conversion_of("max(valv)", "", RUN.channels, ())
+
+
+OF_UNITS = Channels(
+    x=(Channel("hot", "°C"), Channel("cold", "K"), Channel("n", "turns"), Channel("x")),
+    u=(Channel("heat", "kW"),),
+    y=(Channel("level", "m"),),
+    time_unit="min",
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "one", "zero"),
+    [
+        ("integral(level > 2)", "s", 60, 0),
+        ("last(time)", "h", 1 / 60, 0),
+        ("max(level) - ref(level)", "mm", 1000, 0),
+        ("max(hot)", "K", 1, 273.15),
+        ("max(hot) - min(hot)", "K", 1, 0),
+        ("peak_to_peak(hot)", "°C", 1, 0),
+        ("max(abs(diff(hot)))", "°F", 1.8, 0),
+        ("integral(heat)", "kWh", 1 / 60, 0),
+        ("integral(heat)", "MJ", 0.06, 0),
+        ("rms(heat, after=1) ** 2", "W²", 1e6, 0),
+        ("max(level) / last(time)", "m/s", 1 / 60, 0),
+        ("max(level) / ref(level)", "%", 100, 0),
+        ("mean(n)", "turns", 1, 0),
+        ("sum(level > 2)", "samples", 1, 0),  # a count has any name
+        ("60 * integral(level > 2)", "s", 1, 0),  # converted by its author
+        ("max(level) + 0.1 * rms(heat)", "points", 1, 0),
+        ("max(level) + max(heat)", "points", 1, 0),  # a score of two things
+        ("max(x)", "m", 1, 0),  # nothing says what it is in
+        ("max(level)", "", 1, 0),
+    ],
+)
+def test_a_formula_has_the_unit_of_its_signals_and_is_converted(text, unit, one, zero):
+    found = conversion_of(text, unit, OF_UNITS, ())
+    assert found.to(0.0) == pytest.approx(zero)
+    assert found.to(1.0) - found.to(0.0) == pytest.approx(one)
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "says"),
+    [
+        ("integral(level > 2)", "m", "it gives min, which cannot be converted to m"),
+        ("max(level)", "kW", "it gives m, which cannot be converted to kW"),
+        ("max(n)", "rounds", "it gives turns, which cannot be converted to rounds"),
+        ("max(hot - cold)", "K", "it adds or compares degC and K: convert one of them"),
+        ("min(max(hot, cold))", "K", "it adds or compares degC and K: convert one of them"),
+    ],
+)
+def test_a_formula_in_another_kind_of_unit_is_refused(text, unit, says):
+    with pytest.raises(ScenarioError, match=says):
+        conversion_of(text, unit, OF_UNITS, ())
+    (problem,) = formula_problems([KPI("k", "k", unit, formula=text)], OF_UNITS, ())
+    assert problem.startswith("formula of KPI 'k': it ")
+
+
+def test_the_value_of_a_formula_is_in_the_unit_of_its_kpi():
+    run = replace(RUN, channels=replace(RUN.channels, time_unit="min"))
+    assert Formulas((("late", "last(time)", "s"),))(run)["late"] == 60 * value("last(time)")
 
 
 EVIL = [
