@@ -94,7 +94,7 @@ def value_of(text: str, experiment: Experiment, unit: str = "") -> float:
     """
     into = conversion_of(text, unit, experiment.channels, experiment.signals)
     with np.errstate(all="ignore"):
-        return into.to(float(np.atleast_1d(formula_of(text).compute(experiment))[-1]))
+        return float(into.to(np.atleast_1d(formula_of(text).compute(experiment))[-1]))
 
 
 def conversion_of(text: str, unit: str, channels: Channels, signals: Collection[str]) -> Conversion:
@@ -121,8 +121,8 @@ def _read(node: ast.AST) -> Formula:
             span = lambda channels, _: plain(channels.time_unit)  # noqa: E731
             return Formula(lambda run: run.t - run.t[0], True, lambda run: False, span, True)
         case ast.Name(name) | ast.Constant(str(name)):
-            unit = partial(_unit_called, name)
-            return Formula(lambda run: _values(name, run), True, lambda run: _is_held(name, run), unit, True)
+            found = partial(_unit_called, name)
+            return Formula(lambda run: _values(name, run), True, lambda run: _is_held(name, run), found, True)
         case ast.Call(ast.Name("ref"), [ast.Name(name) | ast.Constant(str(name))], []):
             place = partial(output_called, name)
             unit = lambda channels, _: plain(channels.y[place(channels)].unit) or "?"  # noqa: E731
