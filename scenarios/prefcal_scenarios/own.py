@@ -156,7 +156,7 @@ def with_config_of(source: str, path: Path | None) -> str:
 def _parsed(text: str, what: str) -> dict[str, Any]:
     try:
         found = json.loads(text)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ScenarioError(f"{what} is not JSON: {error}") from error
     if not isinstance(found, dict):
         raise ScenarioError(f'{what} must be a JSON object, {{"lanes_count": 3}}, got {text!r:.80}')

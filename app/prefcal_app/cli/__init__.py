@@ -1,5 +1,6 @@
 """Run the command line `prefcal`; agents, plants and plots are imported only when needed."""
 
+import errno
 import logging
 import re
 import sys
@@ -7,6 +8,24 @@ import sys
 import typer
 
 from .commands import app as app
+
+_REFUSED = {
+    number
+    for name in (
+        "ENAMETOOLONG",
+        "ENOSPC",
+        "EDQUOT",
+        "EACCES",
+        "EPERM",
+        "EROFS",
+        "EIO",
+        "ELOOP",
+        "EISDIR",
+        "EMFILE",
+    )
+    if (number := getattr(errno, name, None))  # Windows lacks some of them
+}
+"""Numbers of the errors of a system that refuses a file: no fault of ours, so that no traceback helps."""
 
 
 def main() -> None:
@@ -25,7 +44,7 @@ def main() -> None:
         from prefcal_env.errors import PrefcalError
 
         known = isinstance(error, PrefcalError)
-        wrong = (str(error), 2) if known else _wrong_call(error) or _own(error)
+        wrong = (str(error), 2) if known else _wrong_call(error) or _own(error) or _of_the_system(error)
         if wrong is None:
             raise
         if wrong[0]:
@@ -39,6 +58,14 @@ def _own(error: Exception) -> tuple[str, int] | None:
     from prefcal_env.wording import in_words, located, own_line
 
     return (in_words(located(error)), 1) if own_line(error) else None
+
+
+def _of_the_system(error: Exception) -> tuple[str, int] | None:
+    """Return the message and exit code if the system refuses a file: a full disk, rights, a long name."""
+    if not isinstance(error, OSError) or error.errno not in _REFUSED:
+        return None
+    name = "" if error.filename is None else f": {str(error.filename)!r:.80}"
+    return f"{(error.strerror or str(error)).lower()}{name}", 1
 
 
 class _Said(logging.Handler):

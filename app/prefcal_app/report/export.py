@@ -221,7 +221,7 @@ def _read(path: Path) -> tuple[dict[str, Any], str]:
     try:
         read = path.read_bytes()
         content = json.loads(read.decode("utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise ScenarioError(f"cannot read a tuned controller from {str(path)!r}: {error}") from error
     missing = {"format", "scenario", "theta", "settings"} - set(content if isinstance(content, dict) else ())
     if missing:

@@ -141,7 +141,7 @@ def _read(marker: Path) -> dict[str, object]:
     """Return the content of a marker; empty if it cannot be read."""
     try:
         content = json.loads(marker.read_text("utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return {}
     return content if isinstance(content, dict) else {}
 

@@ -263,8 +263,7 @@ def verify_best(
         runs: Number of random runs.
         ranges: Relative changes, as for `verify`.
         jobs: Number of processes, as for `verify`.
-        timeout: Time limit of each run in seconds; None for that of a study if the scenario is a person's
-            own, which runs in other processes, and for no limit otherwise.
+        timeout: Time limit of each run in seconds; None for that of a study, an hour.
         progress: As for `simulate_many`.
 
     Raises:

@@ -80,7 +80,7 @@ class Kept:
         """Read the file; return whether more can be added at its end."""
         try:
             head, *lines = self._path.read_bytes().splitlines(keepends=True)
-        except (OSError, ValueError):  # none, or empty
+        except (OSError, ValueError, RecursionError):  # none, or empty
             return False
         if head != self._head:
             return False

@@ -273,7 +273,7 @@ class Journal:
                 raise ValueError("not all of them are numbers")
         except FileNotFoundError:
             return None
-        except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+        except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
             raise LiveError(
                 f"cannot read the plant's old values in {self.path}: restore them by hand, then "
                 f"remove the file ({error})"

@@ -341,15 +341,21 @@ class Verified:
             return None
         try:
             content = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, RecursionError) as error:
             raise ScenarioError(f"cannot read {str(path)!r}: {error}") from error
         found = from_plain(content, cls, ScenarioError, repr(str(path)))
         return found if found.best == digest_of(tuning) else None
 
     def write(self, folder: str | Path) -> None:
-        """Write the file, durably. Raises OSError."""
-        text = json.dumps(to_plain(self), indent=2, ensure_ascii=False, allow_nan=False)
-        write_durably(Path(folder) / FILE, f"{text}\n".encode())
+        """Write the file, durably. Raises ScenarioError, which says the result, if that is not possible."""
+        text, path = (
+            json.dumps(to_plain(self), indent=2, ensure_ascii=False, allow_nan=False),
+            Path(folder) / FILE,
+        )
+        try:
+            write_durably(path, f"{text}\n".encode())
+        except OSError as error:
+            raise ScenarioError(f"cannot write {str(path)!r}: {error}. Not kept: {self.statement}") from error
 
 
 def _kpi_row(kpi: KPI, tunings: list[Robustness]) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, suppress
+from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -17,6 +17,7 @@ from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preferences.answer import Outcome, Reading
 from prefcal_env.sources.source import Source
 from prefcal_scenarios.catalog import load
+from prefcal_scenarios.isolated import DEFAULT_LIMIT
 from prefcal_scenarios.runs import FailedRun, HasKPIs, Progress, simulate_iter, simulate_many
 from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
 
@@ -110,6 +111,7 @@ def _first_bad(reading: Reading, nominal: Outcome, runs: Sequence[Outcome]) -> i
 
 RUNS = 299
 """Runs that, if all are good, show with 95 % confidence that less than 1 % are not."""
+_HANGS = 3.0  # times the longest other wait, after which a run that is stopped counts as not ended
 _QUICK = 2.0  # seconds of simulation that are not worth starting other processes
 
 
@@ -130,7 +132,7 @@ def verify(
 
     What can be varied is found from the scenario. A controller stays as it is designed for the
     nominal plant. Results do not depend on the number of processes. Ctrl-C ends the runs; those
-    that are done are kept.
+    that are done are kept, and one that was waited for much longer than the others has failed.
 
     Args:
         scenario: Scenario, its name as for `load`, or a source.
@@ -141,8 +143,8 @@ def verify(
         ranges: Relative changes by name or kind of factor, such as {"parameter": 0.2, "dead time":
             (0.0, 0.2)}; 0 leaves a factor out. See `Factor`.
         jobs: Number of processes; None for all cores, or this process if all runs are quick.
-        timeout: Time limit of each run in seconds; None for no limit. With one, no run happens in this
-            process, so that none can end it.
+        timeout: Time limit of each run in seconds; None for an hour in other processes. With one, no run
+            happens in this process, so that none can end it.
         progress: As for `simulate_many`.
         clock: Returns the time in seconds, for how quick a run is.
 
@@ -166,7 +168,8 @@ def verify(
     if jobs is None and timeout is None and _seconds(found, thetas[0], clock) * len(cases) <= _QUICK:
         jobs = 1
     varied = Variations(subject.at, tuple(thetas), cases)
-    results = zip(cases, _done(varied, jobs, timeout, progress), strict=False)
+    limit = timeout if timeout is not None or jobs == 1 else DEFAULT_LIMIT  # a varied plant may never end
+    results = zip(cases, _done(varied, jobs, limit, progress, clock), strict=False)
     made = [_run(found, tunings[case.which].nominal, case, result) for case, result in results]
     alone = runs + 2 * len(factors)
     tuning, *before = (
@@ -335,14 +338,31 @@ def _cases(factors: tuple[Factor, ...], tunings: int, runs: int, seed: int) -> I
 
 
 def _done(
-    source: Variations, jobs: int | None, timeout: float | None, progress: Progress | bool
+    source: Variations,
+    jobs: int | None,
+    timeout: float | None,
+    progress: Progress | bool,
+    clock: Callable[[], float],
 ) -> list[HasKPIs]:
-    """Return the results in order, as many as there are before Ctrl-C."""
-    (scenario, numbers), done = _numbered(source), list[HasKPIs]()
-    runs = simulate_iter(scenario, numbers, jobs=jobs, timeout=timeout, progress=progress)
-    with closing(runs), suppress(KeyboardInterrupt):
-        for result in runs:
-            done.append(result)
+    """Return the results in order, as many as there are before Ctrl-C.
+
+    People stop what hangs. So the run that all others wait for is the last result, a failed one, if
+    they waited for it much longer than for any other: without it, only what ends would be counted.
+    """
+    (scenario, numbers), done, waits = _numbered(source), list[HasKPIs](), list[float]()
+    runs, since = simulate_iter(scenario, numbers, jobs=jobs, timeout=timeout, progress=progress), clock()
+    try:
+        with closing(runs):
+            for result in runs:
+                done.append(result)
+                waits.append(clock() - since)
+                since = clock()
+    except KeyboardInterrupt:
+        waited = clock() - since
+        usual = max(waits[1:] or waits, default=np.inf)  # other processes start before the first one
+        if waited > max(_HANGS * usual, 1.0):
+            words = f"it had not ended after {waited:.0f} s, when the runs were stopped"
+            done.append(FailedRun(numbers[len(done)], "late", words))
     return done
 
 

@@ -122,6 +122,27 @@ def test_what_is_done_before_an_interruption_is_kept():
     assert Verified.of(found, load("lag"), "", "1.0", "").statement == found.statement
 
 
+@pytest.mark.parametrize(("waited", "counted"), [(0.9, False), (5.0, False), (31.0, True)])
+def test_a_run_that_hangs_when_all_are_stopped_is_one_that_does_not_keep_the_limits(waited, counted):
+    """Otherwise only plants that end are counted, and the share of those that never end is lost."""
+    time = 0.0
+
+    def stop(arrived, total):
+        nonlocal time
+        time += 10.0 if arrived < 7 else waited
+        if arrived == 7:
+            raise KeyboardInterrupt
+
+    found = verify("lag", LAG, 299, jobs=1, progress=stop, clock=lambda: time)
+    assert len(found.runs) == 6 + counted
+    assert (found.share == 1) is not counted
+    if counted:
+        assert found.runs[-1].problems == (
+            "the run failed: it had not ended after 31 s, when the runs were stopped",
+        )
+        assert "6 of 7 runs keep" in found.statement
+
+
 def test_the_current_tuning_meets_the_same_plants():
     start = LAG * [0.5, 1, 1, 1, 1, 1]
     found = verify("lag", LAG, 8, start=start, jobs=1)

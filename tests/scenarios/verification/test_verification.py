@@ -476,8 +476,14 @@ def test_a_verification_of_another_tuning_is_none(folder):
     assert Verified.read(folder) is None
 
 
-@pytest.mark.parametrize("text", ["", "[]", '{"statement": "fine"}'])
+@pytest.mark.parametrize("text", ["", "[]", "[" * 100_000, '{"statement": "fine"}'])
 def test_a_damaged_file_is_said(folder, text):
     (folder / FILE).write_text(text)
     with pytest.raises(ScenarioError, match=r"verification\.json"):
         Verified.read(folder)
+
+
+def test_a_result_that_cannot_be_kept_is_said_with_the_reason(folder):
+    (folder / FILE).mkdir()
+    with pytest.raises(ScenarioError, match=rf"cannot write .*{FILE}.*\. Not kept: {FOUND.statement[:20]}"):
+        FOUND.write(folder)
