@@ -28,6 +28,7 @@ from prefcal_env.wording import last_own, ours, own_line
 # --- Names of scenarios: a plain name, or a name followed by its configuration in JSON.
 
 _QUOTED = re.compile(rb"""["']([^"'\r\n\0]{1,200})["']""")
+_IMPORT = re.compile(r"^[ \t]*(?:from|import)[ \t]+(.+)$", re.MULTILINE)
 _LARGE = 10_000_000  # bytes of a file above which reading it would take long
 
 
@@ -51,8 +52,8 @@ def joined_source(name: str, config: Mapping[str, Any]) -> str:
 def fingerprint(source: str) -> str:
     """Return 16 hexadecimal digits that change with the files that describe a scenario.
 
-    These are the file of the scenario and those that it or its configuration names; modules that a
-    Python file imports are not among them. For a built-in scenario, whose code belongs to the
+    These are the file of the scenario, those that it or its configuration names, and the modules beside
+    a Python file that it imports. For a built-in scenario, whose code belongs to the
     version of prefcal, it depends on name and configuration. Where the files are is irrelevant.
     """
     name, config = split_source(source)
@@ -61,7 +62,7 @@ def fingerprint(source: str) -> str:
         text = value if isinstance(value, str) else json.dumps(value, sort_keys=True)
         path, rest = file_in(text)
         digest.update(f"{key}\0{rest}\0".encode())
-        for file in [] if path is None else [path, *_named_in(path)]:
+        for file in [] if path is None else [path, *_further(path)]:
             digest.update(file.read_bytes())
     return digest.hexdigest()[:16]
 
@@ -75,13 +76,23 @@ def file_in(text: str) -> tuple[Path | None, str]:
     return None, text
 
 
-def _named_in(path: Path) -> list[Path]:
-    """Return the files that a TOML file names; others name none."""
-    if path.suffix != ".toml":
-        return []
-    endings = "|".join(map(re.escape, (".py", *ENDINGS)))
-    words = re.findall(rf"[\w./-]+(?:{endings})\b", path.read_text(encoding="utf-8"))
-    return [file for file in (path.parent / word for word in words) if file.is_file()]
+def _named_in(path: Path, *above: Path) -> list[Path]:
+    """Return the files that a TOML file names, or the modules beside a Python file; and what they name."""
+    text = path.read_text(encoding="utf-8", errors="replace")
+    if path.suffix == ".toml":
+        endings = "|".join(map(re.escape, (".py", *ENDINGS)))
+        places = [path.parent / word for word in re.findall(rf"[\w./-]+(?:{endings})\b", text)]
+    else:
+        names = [
+            name.replace(".", "/") for line in _IMPORT.findall(text) for name in re.findall(r"[\w.]+", line)
+        ]
+        places = [path.parent / place for name in names for place in (f"{name}.py", f"{name}/__init__.py")]
+    found = [file for file in dict.fromkeys(places) if file.is_file() and file not in (path, *above)]
+    return [each for file in found for each in (file, *_further(file, path, *above))]
+
+
+def _further(file: Path, *above: Path) -> list[Path]:
+    return _named_in(file, *above) if file.suffix in (".py", ".toml") else []
 
 
 def fingerprint_of_code() -> str:

@@ -570,6 +570,13 @@ def _introduce(work: Calibration) -> None:
     default = default_folder(opened, work.interview.scenario.name)
     if folder.name != default.name and work.options.out is None:
         work.say(f"{default} holds another study's report: this one goes to {folder}.")
+    state, source = opened.file.state, work.options.scenario
+    if opened.resumed and state.finished and "changed" in _fingerprint(work.options, state):
+        work.say(
+            f"The files of {source} have changed since this study began: its {len(state.finished)} "
+            "experiments ran with the old ones, and are compared with new ones. If that matters, begin anew "
+            f"from what you know: prefcal calibrate {shlex.quote(source)} --start {opened.name}:best"
+        )
     if work.left:
         work.say(f"A run was interrupted: the plant's old values are restored now ({work.left}).")
 

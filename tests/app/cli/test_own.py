@@ -137,3 +137,30 @@ def test_a_file_that_was_just_edited_is_read_anew(tmp_path):
         own.write_text(f"value = {value}\n", encoding="utf-8")
         assert module_at(own).value == int(value)
     assert list(tmp_path.iterdir()) == [own]
+
+
+@pytest.mark.usefixtures("own_process")
+@pytest.mark.parametrize("changed", ["own.py", "neighbor.py", ""])
+def test_a_file_that_changed_between_two_sessions_is_said(prefcal, own, tmp_path, changed):
+    (tmp_path / "neighbor.py").write_text(HEAD + "own = t.toy", encoding="utf-8")
+    words = [
+        "calibrate",
+        own(CASES["beside"]),
+        *SYNTHETIC,
+        "--agent",
+        "random",
+        "--study",
+        "mine",
+        "--out",
+        "res",
+    ]
+    assert "have changed" not in prefcal(*words, "--n-max", "3")[2]
+    if changed:
+        with (tmp_path / changed).open("a") as file:
+            file.write("\n# another plant")
+    code, _, err = prefcal(*words, "--n-max", "4")
+    said = (
+        "The files of own.py:own have changed since this study began: its 3 experiments ran with the old ones"
+    )
+    assert code == 0, err
+    assert (said in " ".join(err.split())) is bool(changed)

@@ -64,3 +64,27 @@ def test_a_fingerprint_follows_the_files_that_a_configuration_or_a_toml_file_nam
     before = [fingerprint(source) for source in sources]
     plant.write_text("plant = 2\n")
     assert [a == b for a, b in zip(before, map(fingerprint, sources), strict=True)] == [False] * 2
+
+
+def test_a_fingerprint_follows_the_modules_that_a_file_imports(tmp_path):
+    files = {"own.py": "from model import plant\nimport os, parts.valve\n", "model.py": "import constants\n"}
+    files |= {
+        "constants.py": "import model\nK = 1\n",
+        "parts/__init__.py": "",
+        "parts/valve.py": "",
+        "else.py": "",
+    }
+    (tmp_path / "parts").mkdir()
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+    source = f"{tmp_path / 'own.py'}:plant"
+    for name, counts in {
+        "constants.py": True,
+        "model.py": True,
+        "parts/valve.py": True,
+        "else.py": False,
+    }.items():
+        before = fingerprint(source)
+        with (tmp_path / name).open("a") as file:
+            file.write("# changed")
+        assert (fingerprint(source) != before) is counts, name
