@@ -38,15 +38,16 @@ from prefcal_app.terminal.showing import say
 from prefcal_app.view.end import baseline_of
 from prefcal_env.compiling import Compiling
 from prefcal_env.disk import digest_of
-from prefcal_env.errors import RunError, SimulationError, StudyError
+from prefcal_env.errors import RecordError, RunError, SettingsError, SimulationError, StudyError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.study import State, study_path, to_text
 from prefcal_env.study.file import simulated_beside
 from prefcal_scenarios.catalog import load
-from prefcal_scenarios.described.description import words_to_resume
+from prefcal_scenarios.choosing import pinned
+from prefcal_scenarios.described.description import listed, words_to_resume
 from prefcal_scenarios.isolated import isolation
-from prefcal_scenarios.names import is_own
-from prefcal_scenarios.own import fingerprint
+from prefcal_scenarios.names import TABLES, is_own, is_table
+from prefcal_scenarios.own import fingerprint, joined_source
 from prefcal_scenarios.scenario import Scenario
 from prefcal_scenarios.wording import labeled, printable, theta_text
 
@@ -62,6 +63,7 @@ from .choices import (
     worth_keeping,
 )
 from .options import Options
+from .parameters import parameters_of
 from .studies.files import as_text, completed, existing, open_described
 
 # --- Handle Ctrl-C at any moment: acknowledge it, stop, and keep all results in whole files.
@@ -311,7 +313,7 @@ class Calibration:
         options = self.options
         words = [
             "prefcal",
-            "calibrate",
+            "choose" if is_table(options.scenario) else "calibrate",
             *words_to_resume(options.scenario),
             "--study",
             self.opened.name or "",
@@ -445,12 +447,15 @@ def _simulator(stack: ExitStack, opened: Opened, scenario: Scenario, keep: bool)
     if options.twin is not None:
         isolated = stack.enter_context(isolation(options.twin, limit))
         studied = twin_of(studied, isolated(load(options.twin)))
-    kept = None
-    if keep and opened.name is not None:
+    kept, given = None, studied.source.candidates is not None  # rows of a table: there is nothing to run
+    if keep and opened.name is not None and not given:
         source = options.scenario if options.twin is None else options.twin
         key = key_of(studied, source, state.configuration, versions())
         kept = Kept(simulated_beside(Path(opened.file.path)), key)
-    simulator = Simulator(studied, seed=options.seed, longest=limit, kept=kept, robust=options.robust)
+    jobs = 0 if given else None
+    simulator = Simulator(
+        studied, seed=options.seed, jobs=jobs, longest=limit, kept=kept, robust=options.robust
+    )
     stack.enter_context(simulator).start()
     return simulator
 
@@ -546,6 +551,35 @@ def run(given: Mapping[str, Any]) -> int:
             opened = open_study(given, scenario, given["study"])
             with kept_if_worth_it(opened, scenario, messages):
                 return _run(opened, scenario, ctrl_c, messages)
+
+
+def choose(given: Mapping[str, Any]) -> int:
+    """Let a person choose among the runs of a table; return the exit code.
+
+    Args:
+        given: Values of the fields of `ChooseOptions`, None for options that were not typed.
+
+    Raises:
+        PrefcalError: If there is no such table, or the options do not fit it, the study or the machine.
+    """
+    asked = dict(given)
+    name, of = asked.pop("table"), asked.pop("of")
+    columns = {key: listed(asked.pop(key) or ()) for key in ("lower", "higher", "kpis")}
+    config = {key: value for key, value in {**columns, "of": of}.items() if value}
+    if not is_table(name):
+        raise RecordError(
+            f"expected a table of runs, {', '.join(TABLES)}, or the URL of a storage, got {name!r}"
+        )
+    usual = {n: None if p.kept else p.default for n, p in parameters_of(Options).items()}
+    asked = {**usual, **asked}
+    if asked["study"] is not None and study_path(asked["study"]).is_file():
+        return run({**asked, "scenario": joined_source(name, config) if config else name})
+    source = joined_source(name, pinned(name, config))
+    count = len(load(source).source.candidates)
+    if (asked["n_max"] or 0) > count:
+        raise SettingsError(f"--n-max must be at most the {count} rows to choose from, got {asked['n_max']}")
+    shown = asked["n_max"] or min(count, 11)
+    return run({**asked, "scenario": source, "simulate": count, "n_max": shown})
 
 
 def _run(opened: Opened, scenario: Scenario, ctrl_c: Interruption, messages: Console) -> int:

@@ -57,7 +57,7 @@ from prefcal_scenarios.described.description import (
     resumed_source,
     words_to_resume,
 )
-from prefcal_scenarios.names import CONTROLLERS, is_built_in, is_described, is_own
+from prefcal_scenarios.names import CONTROLLERS, is_built_in, is_described, is_own, is_table
 from prefcal_scenarios.own import joined_source, split_source, with_config_of
 from prefcal_scenarios.wording import labeled, mark_text, number, printable
 
@@ -363,7 +363,8 @@ def _trusted(name: str, named: str, source: str | None) -> str:
 
     The study names the scenario `named`; `source` is the user's, None to use a built-in one of the study.
     """
-    if source is None and not is_built_in(named):
+    harmless = is_built_in(named) or (is_table(named) and "://" not in named)
+    if source is None and not harmless:
         # A study from another person must not decide which program runs here.
         short, *plant = words_to_resume(named)  # the study keeps the rest
         option = plant or ["--scenario", short]
