@@ -1,16 +1,15 @@
 """Choose among runs that already ran: rows of a table, or trials of an Optuna study."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from hashlib import sha256
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
-from prefcal_env.errors import RecordError, ScenarioError, SettingsError
+from prefcal_env.errors import RecordError, SettingsError
 from prefcal_env.experiments.experiment import Channels, End, Experiment
 from prefcal_env.experiments.kpis import as_read
 from prefcal_env.knobs import Constraint, Knob, KnobSpace
@@ -21,255 +20,11 @@ from prefcal_env.tables.sheet import Sheet, parts_of, sheet_of
 
 from .scenario import KPI, Scenario
 
-# --- Read a table of runs: its numbers, what they are called, and which rows hold a run.
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Runs:
-    """A table of runs.
-
-    Args:
-        sheet: The table; a column without a heading is not used.
-        what: What a row is called: "row", or "trial" in Optuna.
-        ids: Number of each row, shape (K,): rows count from 1 below the headings.
-        knobs: Names of the columns that are Optuna's parameters.
-        better: Directions that Optuna knows, "lower" or "higher", by name of the column.
-        done: Which rows hold a run, shape (K,): trials that failed or were pruned are none.
-    """
-
-    sheet: Sheet
-    what: str
-    ids: Int[np.ndarray, " K"]
-    knobs: tuple[str, ...]
-    better: Mapping[str, str]
-    done: Bool[np.ndarray, " K"]
-    numbers: dict[str, Float[np.ndarray, " K"]] = field(default_factory=dict)
-    """Columns of numbers by name, each of shape (K,)."""
-    text: dict[str, Sequence[Any]] = field(default_factory=dict)
-    """All other columns by name."""
-
-    def __post_init__(self) -> None:
-        import pandas as pd
-
-        sheet, numbering = self.sheet, set(row_numbers(self.sheet))
-        for i, heading in enumerate(sheet.headings):
-            if not heading.strip():
-                continue
-            sheet.column(sheet.name(i), sheet.name(i))  # says if there are several
-            if sheet.is_almost_numeric(i):
-                sheet.numbers(i)  # says which cell holds no number
-            numeric = pd.api.types.is_numeric_dtype(sheet.frame[i].dtype) and i not in numbering
-            into: dict[str, Any] = self.numbers if numeric else self.text
-            into[sheet.name(i)] = sheet.numbers(i) if numeric else sheet.frame[i].tolist()
-        if mixed := sheet.mixed([sheet.column(name, name) for name in self.numbers]):
-            raise RecordError(mixed)
-
-    def unit(self, name: str) -> str:
-        """Return the unit of a column by its heading."""
-        return self.sheet.unit(self.sheet.column(name, name), None)
-
-    def counted(self, config: Mapping[str, Any]) -> dict[str, str]:
-        """Return the columns that count with their direction, "" if it is not known.
-
-        They are those that `config` names; if it names none, all numbers but Optuna's parameters.
-
-        Raises:
-            RecordError: If there is no such column, or it holds no numbers.
-            SettingsError: If one is named twice.
-        """
-        found: dict[str, str] = {}
-        for key, way in (("lower", "lower"), ("higher", "higher"), ("kpis", "")):
-            for word in config.get(key, ()):
-                place = self.sheet.column(word, word)
-                self.sheet.numbers(place)  # says which cell holds no number
-                name = self.sheet.name(place)
-                if name in found:
-                    raise SettingsError(f"column {name!r} is named twice: name it once, after one option")
-                found[name] = way or self.better.get(name, "")
-        free = {name: self.better.get(name, "") for name in self.numbers if name not in self.knobs}
-        named = found or free
-        return {name: named[name] for name in self.numbers if name in named}
-
-
-def runs_of(name: str, config: Mapping[str, Any]) -> Runs:
-    """Read the table in a file, or an Optuna study by the URL of its storage.
-
-    Raises:
-        RecordError: If there is none, or it is no table of runs.
-        ScenarioError: If its rows are not those that `config` was made for, see `pinned`.
-        MissingExtraError: If what reads it is not installed.
-    """
-    better: Mapping[str, str] = {}
-    if "://" in name:
-        frame, better = world("optuna").inside("prefcal_scenarios").trials(name, config.get("of"))
-        sheet = sheet_of(frame)
-    else:
-        sheet = sheet_of(Path(name))
-    if sheet.uneven:
-        raise RecordError(f"{name}: {sheet.uneven}")
-    if "digest" in config:
-        count = int(config["rows"])
-        if _digest(sheet, count) != config["digest"]:
-            raise ScenarioError(
-                f"the first {count} rows of {name!r} have changed since the study began: restore them, or "
-                "start another study"
-            )
-        sheet = sheet.taken(np.arange(count))
-    headings = [heading.strip() for heading in sheet.headings]
-    if {"number", "state"} <= {*headings}:
-        return _trials(sheet, headings, better)
-    ids = np.arange(1, len(sheet.frame) + 1)
-    return Runs(sheet, "row", ids, (), {}, np.ones(len(ids), dtype=bool))
-
-
-def pinned(name: str, config: Mapping[str, Any]) -> dict[str, Any]:
-    """Return `config` with the number of rows there are and their digest: a table may grow, not change."""
-    sheet = runs_of(name, config).sheet
-    return {**config, "rows": len(sheet.frame), "digest": _digest(sheet, len(sheet.frame))}
-
-
-def _digest(sheet: Sheet, count: int) -> str:
-    frame = sheet.frame.set_axis(list(sheet.headings), axis=1).iloc[:count]
-    # Later trials may have columns that these have not.
-    return sha256(frame.dropna(axis=1, how="all").to_csv(index=False).encode()).hexdigest()[:16]
-
-
+_MOST = 10_000  # number of candidates: with more, people wait for the next question
+_WAYS = {"lower": "Lower is better", "higher": "Higher is better", "": "Your answers show which way"}
 _NO_RESULT = re.compile(r"(number|state|datetime_\w+|duration|system_attrs_.*)?")
 _PREFIX = re.compile(r"(params|user_attrs)_(?=.)|values_(?=\D)")
-
-
-def _trials(sheet: Sheet, headings: list[str], better: Mapping[str, str]) -> Runs:
-    """Return the trials in what `trials_dataframe()` of Optuna returns."""
-    states = sheet.frame[headings.index("state")].astype(str).str.rpartition(".")[2]
-    ids = sheet.numbers(headings.index("number")).astype(np.int64)
-    short = [_PREFIX.sub("", heading, count=1) for heading in headings]
-    used = [
-        "" if _NO_RESULT.fullmatch(h) else h if short.count(s) > 1 else s
-        for h, s in zip(headings, short, strict=True)
-    ]
-    renamed = replace(sheet, headings=tuple(used))
-    knobs = tuple(parts_of(u)[0] for u, h in zip(used, headings, strict=True) if h.startswith("params_"))
-    ways = {u: better[h] for u, h in zip(used, headings, strict=True) if h in better}
-    return Runs(renamed, "trial", ids, knobs, ways, np.asarray(states == "COMPLETE"))
-
-
-# --- Which rows are candidates, and what is left out, in words.
-
-_MOST = 10_000  # number of candidates: with more, people wait for the next question
-_NAMED = 8  # number of names in a sentence
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Choice:
-    """The candidates of a table, and what counts.
-
-    Args:
-        runs: The table.
-        counted: Columns that count with their direction, "" if it is not known.
-        rows: Places of the candidates in the table, shape (m,).
-        said: What was left out and why, in sentences.
-    """
-
-    runs: Runs
-    counted: Mapping[str, str]
-    rows: Int[np.ndarray, " m"]
-    said: tuple[str, ...]
-
-    @classmethod
-    def of(cls, runs: Runs, counted: Mapping[str, str]) -> "Choice":
-        """Return the rows that hold a run with all numbers that count, each once.
-
-        Raises:
-            RecordError: If there are fewer than two that differ.
-        """
-        said, rows = list[str](), np.arange(len(runs.ids))
-
-        def keep(kept: Bool[np.ndarray, " m"], why: str) -> None:
-            nonlocal rows
-            if not kept.all():
-                said.append(f"Left out: {_listed(runs.what, runs.ids[rows[~kept]])}, {why}.")
-            rows = rows[kept]
-
-        keep(runs.done[rows], "which did not complete")
-        table = np.array(list(runs.numbers.values())).T.reshape(len(runs.ids), len(runs.numbers))
-        if counted:
-            values = table[:, [name in counted for name in runs.numbers]]
-            keep(~np.isnan(values[rows]).any(axis=1), f"without a value of {' or '.join(_few(counted))}")
-        first = {row.tobytes(): k for k, row in reversed([*enumerate(table[rows])])}
-        keep(np.isin(np.arange(len(rows)), list(first.values())), "with the numbers of an earlier one")
-        read = {name: as_read(runs.numbers[name][rows]) for name in counted}
-        alike = [name for name, values in read.items() if not len(values) or (values == values[0]).all()]
-        if len(rows) < 2 or len(alike) == len(counted):
-            raise RecordError(
-                f"a choice needs two {runs.what}s or more that differ in what counts, got {len(rows)} of "
-                f"{len(runs.ids)}{' that read the same' if len(rows) > 1 else ''}. {' '.join(said)}".rstrip()
-            )
-        if alike:
-            said.append(f"The same in all, so that it says nothing: {', '.join(_few(alike))}.")
-        if len(rows) > _MOST:
-            said.append(f"{_MOST:,} of {len(rows):,} {runs.what}s are candidates, evenly spaced.")
-            rows = rows[np.linspace(0, len(rows) - 1, _MOST).astype(np.int64)]
-        return cls(runs, {n: way for n, way in counted.items() if n not in alike}, rows, tuple(said))
-
-    @property
-    def brief(self) -> str:
-        """Return what is chosen among, and by what, in sentences."""
-        runs, ways = self.runs, {"": "your answers show the direction"}
-        counts = [f"{n} ({ways.get(way, f'{way} is better')})" for n, way in self.counted.items()]
-        shown = [name for name in runs.numbers if name not in self.counted]
-        found = [f"Which {runs.what} of {len(self.rows):,} would you rather have?"]
-        found.append(f"What counts: {', '.join(_few(counts))}.")
-        found += [f"Only shown: {', '.join(_few(shown))}."] if shown else []
-        found += [f"Only in best.json: {', '.join(_few(runs.text))}."] if runs.text else []
-        return " ".join((*found, *self.said))
-
-    def kpis(self) -> Iterator[KPI]:
-        """Yield the KPIs: those of an unknown direction are learned both ways."""
-        for name in self.runs.numbers:
-            unit, way = self.runs.unit(name), self.counted.get(name, None)
-            yield KPI(name, name, unit, better=way or None)  # type: ignore[arg-type]
-            if way == "":
-                yield KPI(f"less {name}", name, unit, better="lower", of=name)
-                yield KPI(f"more {name}", name, unit, better="higher", of=name)
-
-
-def _few(names: Any) -> list[str]:
-    there = [str(name) for name in names]
-    more = len(there) - _NAMED
-    return there if more <= 0 else [*there[:_NAMED], f"{more} more"]
-
-
-def _listed(what: str, ids: Int[np.ndarray, " m"]) -> str:
-    return f"{what}{'s' if len(ids) > 1 else ''} {', '.join(_few(ids))}"
-
-
-# --- The rows as a source: θ is the number of a row.
-
-
-class Rows(Source):
-    """The candidates of a table; nothing runs, since all did. θ is the number of a row or trial."""
-
-    channels, signals = Channels((), (), ()), ()
-
-    def __init__(self, choice: Choice) -> None:
-        self.choice = choice
-        ids = choice.runs.ids[choice.rows]
-        self.candidates = ids[:, None].astype(float)
-        self._place = dict(zip(ids.tolist(), choice.rows.tolist(), strict=True))
-
-    def run(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
-        """Return the numbers of the row θ, shape (1,)."""
-        place, numbers = self._place[int(theta[0])], self.choice.runs.numbers
-        found = {n: float(v[place]) for n, v in numbers.items() if not np.isnan(v[place])}
-        return Experiment.blank(theta, Channels((), (), ()), End.TIME_UP, found)
-
-    def settings(self, theta: Float[np.ndarray, " n"]) -> dict[str, Any]:
-        """Return the number of the row θ, shape (1,), and what stands in it beside what counts."""
-        place, runs = self._place[int(theta[0])], self.choice.runs
-        beside = {n: float(v[place]) for n, v in runs.numbers.items() if n not in self.choice.counted}
-        line = {} if runs.sheet.lines is None else {"line": int(runs.sheet.lines[place])}
-        text = {name: cells[place] for name, cells in runs.text.items()}
-        return {runs.what: int(theta[0]), **line, **beside, **text}
+"""How `trials_dataframe()` of Optuna heads its columns."""
 
 
 def choice_of(name: str, config: Mapping[str, Any]) -> Scenario:
@@ -277,37 +32,177 @@ def choice_of(name: str, config: Mapping[str, Any]) -> Scenario:
 
     Args:
         name: Path of a CSV, Parquet or Excel file, or the URL of an Optuna storage.
-        config: Columns that count as lists: `lower` and `higher` are better, or `kpis` without a
-            direction; `of`, the study in the storage; and what `pinned` adds.
+        config: Lists of the columns in which `lower` or `higher` is better, and of those (`kpis`) whose
+            direction is not known; of a storage, the study `of` and the last trial, `until`.
 
     Raises:
-        RecordError: If the table cannot be read, or there is nothing to choose.
+        RecordError: If the table cannot be read, or leaves nothing to choose.
         SettingsError: If a column is named twice, or there is no such study.
-        ScenarioError: If a key is unknown, or the table has changed since the study began.
         MissingExtraError: If what reads it is not installed.
     """
-    if unknown := config.keys() - {"lower", "higher", "kpis", "of", "rows", "digest"}:
-        raise ScenarioError(
-            f"{name!r}: {sorted(unknown)[0]!r} says nothing about a table of runs: leave it out"
-        )
-    runs = runs_of(name, config)
-    source = Rows(Choice.of(runs, runs.counted(config)))
+    better: Mapping[str, str] = {}
+    if "://" in name:
+        trials = world("optuna").inside("prefcal_scenarios").trials
+        frame, better = trials(name, config.get("of"), config.get("until"))
+        source = Rows(sheet_of(frame), config, better)
+    else:
+        source = Rows(sheet_of(Path(name)), config, better)
     ids = source.candidates[:, 0]
-    knob = Knob(
-        runs.what, int(ids.min()), int(ids.max()), integer=True, about="Its number; the order means nothing."
-    )
 
     def allowed(theta: Mapping[str, Any]) -> Any:
-        return np.where(np.isin(theta[runs.what], ids), 0.0, 1.0)
+        return np.where(np.isin(theta[source.what], ids), 0.0, 1.0)
 
-    title = re.sub(r".*://+|[?].*", "", name)
+    about = "Its number, whose order means nothing."
+    file = Path(name.partition("://")[2].partition("?")[0] or name)
+    knob = Knob(source.what, int(ids.min()), int(ids.max()), integer=True, about=about)
     return Scenario(
-        re.sub(r"\W+", "-", Path(title).stem).strip("-") or "runs",
-        f"Choose among {Path(title).name}",
-        KnobSpace([knob], [Constraint(f"{runs.what}s that can be chosen", allowed, vectorized=True)]),
+        re.sub(r"\W+", "-", file.stem).strip("-") or "runs",
+        f"Choose among {file.name}",
+        KnobSpace([knob], [Constraint(f"{source.what}s to choose from", allowed, vectorized=True)]),
         source,
-        kpis=tuple(source.choice.kpis()),
+        kpis=tuple(source.kpis()),
         settings=source.settings,
-        brief=source.choice.brief,
+        brief=source.brief,
         simulated=True,
     )
+
+
+class Rows(Source):
+    """The rows of a table as experiments that ran; θ is the number of a row, or of an Optuna trial.
+
+    Args:
+        sheet: Table; rows count from 1 below its headings.
+        config: Names of the columns that count; see `choice_of`.
+        better: Directions that Optuna knows, by heading.
+
+    Raises:
+        RecordError: If a column cannot be read, or fewer than two rows differ in what counts.
+        SettingsError: If a column is named twice.
+    """
+
+    channels, signals = Channels((), (), ()), ()
+
+    def __init__(self, sheet: Sheet, config: Mapping[str, Any], better: Mapping[str, str]) -> None:
+        if sheet.uneven:
+            raise RecordError(sheet.uneven)
+        self._sheet, self._said = sheet, list[str]()
+        self.what, self._ids = "row", np.arange(1, len(sheet.frame) + 1)
+        self._knobs: tuple[str, ...] = ()
+        if {"number", "state"} <= {*sheet.headings}:
+            better = self._take_trials(better)
+        self._numbers, self._text = _columns(self._sheet)
+        self.counted = self._counts(config, better)
+        rows = self._rows()
+        self._place = dict(zip(self._ids[rows].tolist(), rows.tolist(), strict=True))
+        self.candidates = self._ids[rows, None].astype(float)
+
+    def _take_trials(self, better: Mapping[str, str]) -> Mapping[str, str]:
+        """Keep the trials that completed, with params_K_p as K_p unless that is something else, too."""
+        sheet, headings = self._sheet, self._sheet.headings
+        states = sheet.frame[headings.index("state")].astype(str).str.rpartition(".")[2]
+        ids, done = sheet.numbers(headings.index("number")).astype(np.int64), states == "COMPLETE"
+        short = [_PREFIX.sub("", heading) for heading in headings]
+        names = {h: s if short.count(s) == 1 else h for h, s in zip(headings, short, strict=True)}
+        names |= {h: "" for h in headings if _NO_RESULT.fullmatch(h)}
+        self._sheet = replace(sheet.taken(np.flatnonzero(done)), headings=tuple(names[h] for h in headings))
+        self._knobs = tuple(parts_of(names[h])[0] for h in headings if h.startswith("params_"))
+        self.what, self._ids = "trial", ids[done]
+        self._leave_out(ids[~done], "which did not complete")
+        return {names[h]: way for h, way in better.items()}
+
+    def _leave_out(self, ids: Int[np.ndarray, " m"], why: str) -> None:
+        if len(ids):
+            self._said.append(f"Left out: {self.what}{'s' if len(ids) > 1 else ''} {_few(ids)}, {why}.")
+
+    def _counts(self, config: Mapping[str, Any], better: Mapping[str, str]) -> dict[str, str]:
+        """Return the columns that count, all numbers but Optuna's parameters if none is named."""
+        named: dict[str, str] = {}
+        for key, way in (("lower", "lower"), ("higher", "higher"), ("kpis", "")):
+            for word in config.get(key, ()):
+                place = self._sheet.column(word, "")
+                self._sheet.numbers(place)  # says which cell holds no number
+                name = self._sheet.name(place)
+                if name in named:
+                    raise SettingsError(f"column {name!r} is named twice: name it after one option only")
+                named[name] = way or better.get(name, "")
+        free = {n: better.get(n, "") for n in self._numbers if n not in self._knobs}
+        return {name: (named or free)[name] for name in self._numbers if name in (named or free)}
+
+    def _rows(self) -> Int[np.ndarray, " m"]:
+        """Return the places of the rows with all that counts, each once."""
+        table = np.array([*self._numbers.values()], dtype=float).reshape(len(self._numbers), len(self._ids)).T
+        lacks = np.isnan(table[:, [name in self.counted for name in self._numbers]]).any(axis=1)
+        self._leave_out(self._ids[lacks], "without a number in all that counts")
+        first = {row.tobytes(): k for k, row in reversed([*enumerate(table)]) if not lacks[k]}
+        rows = np.array(sorted(first.values()), dtype=np.int64)
+        self._leave_out(self._ids[np.setdiff1d(np.flatnonzero(~lacks), rows)], "a copy of an earlier one")
+        read = {name: {*as_read(self._numbers[name][rows]).tolist()} for name in self.counted}
+        if alike := [name for name, values in read.items() if len(values) < 2]:
+            self._said.append(f"The same in all, so it does not count: {_few(alike)}.")
+        self.counted = {name: way for name, way in self.counted.items() if name not in alike}
+        if not self.counted:
+            raise RecordError(
+                f"a choice needs two {self.what}s or more that differ in a number that counts, got "
+                f"{len(rows)} of {len(self._ids)}, with numbers in {_few(self._numbers) or 'no column'}. "
+                f"{' '.join(self._said)}".rstrip()
+            )
+        if len(rows) <= _MOST:
+            return rows
+        self._said.append(f"{_MOST:,} of {len(rows):,} {self.what}s are candidates, evenly spaced.")
+        return np.asarray(rows[np.linspace(0, len(rows) - 1, _MOST).astype(np.int64)])
+
+    @property
+    def brief(self) -> str:
+        """Return what is chosen, what counts, and what was left out, in sentences."""
+        told = {said: [n for n, w in self.counted.items() if w == way] for way, said in _WAYS.items()}
+        told["Only shown"] = [name for name in self._numbers if name not in self.counted]
+        told["Only in best.json"] = [*self._text]
+        words = (f"{said}: {_few(names)}." for said, names in told.items() if names)
+        return " ".join(
+            [f"Which {self.what} of {len(self._place):,} would you rather have?", *words, *self._said]
+        )
+
+    def run(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
+        """Return the row θ, shape (1,): its numbers, and no curves."""
+        place = self._place[int(theta[0])]
+        found = {name: float(v[place]) for name, v in self._numbers.items() if not np.isnan(v[place])}
+        return Experiment.blank(theta, Channels((), (), ()), End.TIME_UP, found)
+
+    def settings(self, theta: Float[np.ndarray, " n"]) -> dict[str, Any]:
+        """Return the number of the row θ, shape (1,), and all in it that does not count."""
+        place, every = self._place[int(theta[0])], {**self._numbers, **self._text}
+        return {self.what: int(theta[0]), **{n: v[place] for n, v in every.items() if n not in self.counted}}
+
+    def kpis(self) -> Iterator[KPI]:
+        """Yield all numbers; those that count in an unknown direction are learned both ways."""
+        for name in self._numbers:
+            unit, way = self._sheet.unit(self._sheet.column(name, name), None), self.counted.get(name)
+            yield KPI(name, name, unit, better=way or None)  # type: ignore[arg-type]
+            if way == "":
+                yield KPI(f"less {name}", name, unit, better="lower", of=name)
+                yield KPI(f"more {name}", name, unit, better="higher", of=name)
+
+
+def _columns(sheet: Sheet) -> tuple[dict[str, Float[np.ndarray, " K"]], dict[str, list[Any]]]:
+    """Return the columns of numbers by name, and those of text and of numbers of rows."""
+    import pandas as pd
+
+    numbers, text, numbering = {}, {}, {*row_numbers(sheet)}
+    for i, heading in enumerate(sheet.headings):
+        if not heading.strip():
+            continue
+        name = sheet.name(sheet.column(sheet.name(i), sheet.name(i)))  # says if there are several
+        if sheet.is_almost_numeric(i):
+            sheet.numbers(i)  # says which cell holds no number
+        if pd.api.types.is_numeric_dtype(sheet.frame[i].dtype) and i not in numbering:
+            numbers[name] = sheet.numbers(i)
+        else:
+            text[name] = sheet.frame[i].tolist()
+    if mixed := sheet.mixed([sheet.column(name, name) for name in numbers]):
+        raise RecordError(mixed)
+    return numbers, text
+
+
+def _few(names: Iterable[Any], most: int = 8) -> str:
+    there = [str(name) for name in names]
+    return ", ".join(there if len(there) <= most else [*there[:most], f"{len(there) - most} more"])

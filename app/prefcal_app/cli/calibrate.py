@@ -43,7 +43,6 @@ from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.study import State, study_path, to_text
 from prefcal_env.study.file import simulated_beside
 from prefcal_scenarios.catalog import load
-from prefcal_scenarios.choosing import pinned
 from prefcal_scenarios.described.description import listed, words_to_resume
 from prefcal_scenarios.isolated import isolation
 from prefcal_scenarios.names import TABLES, is_own, is_table
@@ -553,33 +552,34 @@ def run(given: Mapping[str, Any]) -> int:
                 return _run(opened, scenario, ctrl_c, messages)
 
 
-def choose(given: Mapping[str, Any]) -> int:
+def choose(typed: Mapping[str, Any]) -> int:
     """Let a person choose among the runs of a table; return the exit code.
 
     Args:
-        given: Values of the fields of `ChooseOptions`, None for options that were not typed.
+        typed: Values of the options of `prefcal choose`.
 
     Raises:
         PrefcalError: If there is no such table, or the options do not fit it, the study or the machine.
     """
-    asked = dict(given)
-    name, of = asked.pop("table"), asked.pop("of")
-    columns = {key: listed(asked.pop(key) or ()) for key in ("lower", "higher", "kpis")}
-    config = {key: value for key, value in {**columns, "of": of}.items() if value}
+    name, config = typed["table"], {key: listed(typed[key]) for key in ("lower", "higher", "kpis")}
     if not is_table(name):
-        raise RecordError(
-            f"expected a table of runs, {', '.join(TABLES)}, or the URL of a storage, got {name!r}"
-        )
-    usual = {n: None if p.kept else p.default for n, p in parameters_of(Options).items()}
-    asked = {**usual, **asked}
-    if asked["study"] is not None and study_path(asked["study"]).is_file():
-        return run({**asked, "scenario": joined_source(name, config) if config else name})
-    source = joined_source(name, pinned(name, config))
-    count = len(load(source).source.candidates)
-    if (asked["n_max"] or 0) > count:
-        raise SettingsError(f"--n-max must be at most the {count} rows to choose from, got {asked['n_max']}")
-    shown = asked["n_max"] or min(count, 11)
-    return run({**asked, "scenario": source, "simulate": count, "n_max": shown})
+        raise RecordError(f"expected a table ({', '.join(TABLES)}) or the URL of a storage, got {name!r}")
+    config = {key: value for key, value in {**config, "of": typed["of"]}.items() if value}
+    source = joined_source(name, config) if config else name
+    options = parameters_of(Options).items()
+    wanted = {n: p.given(typed[n]) if n in typed else None if p.kept else p.default for n, p in options}
+    if typed["study"] is None or not study_path(typed["study"]).is_file():
+        found = load(source)
+        if "://" in name:  # more trials may follow
+            source = joined_source(name, {**config, "until": int(found.space.knobs[0].high)})
+        assert found.source.candidates is not None
+        count = len(found.source.candidates)
+        if (wanted["n_max"] or 0) > count:
+            raise SettingsError(
+                f"--n-max must be at most {count}, all that can be chosen, got {wanted['n_max']}"
+            )
+        wanted |= {"simulate": count, "n_max": wanted["n_max"] or min(count, 11)}
+    return run({**wanted, "scenario": source})
 
 
 def _run(opened: Opened, scenario: Scenario, ctrl_c: Interruption, messages: Console) -> int:

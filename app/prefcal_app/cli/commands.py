@@ -9,8 +9,8 @@ from typing import Annotated, Any
 
 from typer import Argument, Context, Exit, Option, Typer, echo
 
-from .options import CheckOptions, ChooseOptions, LookOptions, Options, ReportOptions, VerifyOptions
-from .parameters import examples, examples_of_worlds, given, made, takes
+from .options import CHOOSING, CheckOptions, ChooseOptions, LookOptions, Options, ReportOptions, VerifyOptions
+from .parameters import examples, examples_of_worlds, given, made, parameters_of, takes
 from .starters.new import EPILOG as NEW_EPILOG
 from .starters.new import new
 from .studies.commands import app as studies
@@ -112,7 +112,7 @@ The first line of a table holds headings, perhaps with units, as in "settling \\
 """,
     ),
 )
-@takes(ChooseOptions)
+@takes(ChooseOptions, *(parameters_of(Options)[name] for name in CHOOSING))
 def choose(**typed: Any) -> None:
     """Choose among runs that already ran: about ten questions find the row that you want.
 
@@ -121,7 +121,7 @@ def choose(**typed: Any) -> None:
     """
     from .calibrate import choose as chosen
 
-    raise Exit(chosen(given(ChooseOptions, typed)))
+    raise Exit(chosen(typed))
 
 
 app.command(no_args_is_help=True, epilog=NEW_EPILOG)(new)

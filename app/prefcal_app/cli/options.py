@@ -242,24 +242,14 @@ def _defaults(said: Mapping[str, Any], knobs: int, simulated: bool) -> dict[str,
 
 @dataclass(frozen=True, slots=True)
 class ChooseOptions:
-    """Options of `prefcal choose`, in the order of its help; those of `Options` mean the same.
+    """Options of `prefcal choose` that are its own, in the order of its help; `CHOOSING` are the others.
 
     Args:
         table: CSV, Parquet or Excel file with a row for each run, or the URL of a storage of trials.
         lower: Columns in which lower is better.
         higher: Columns in which higher is better.
-        kpis: Columns that count, too, and your answers tell in which direction.
+        kpis: Columns that count, too; your answers show in which direction.
         of: Study in the storage, if it holds several.
-        study: Name or path of the study that keeps your answers, new or to be resumed.
-        start: Row to begin with, for example the one in use: "row=17".
-        n_max: Largest number of rows shown; one less than that are the questions.
-        seed: Seed of what is asked, and of the order of the two sides.
-        out: Folder of the report; must not hold the report of another study.
-        terminal: Ask in this terminal instead of on a page.
-        browser: Print the link of the page, but open no browser.
-        host: Address to serve the page on.
-        port: Port of the page.
-        json: Print only JSON on standard output (messages go to standard error).
     """
 
     table: str = argument("TABLE")
@@ -267,16 +257,10 @@ class ChooseOptions:
     higher: tuple[str, ...] = option((), "NAME,...")
     kpis: tuple[str, ...] = option((), "NAME,...", shown="all numbers, if no column is named")
     of: str | None = option(None, "NAME", shown="the only one")
-    study: str | None = option(None, "NAME_OR_PATH", shown="a new one, TABLE-1")
-    start: tuple[str, ...] = option((), "ROW", shown="prefcal's choice")
-    n_max: int | None = option(None, "N", min=2, shown="11")
-    seed: int | None = option(None, "N", min=0, shown="0")
-    out: Path | None = option(None, "FOLDER", shown="./prefcal-STUDY")
-    terminal: bool = option(False, flag="--terminal")
-    browser: bool = option(True, flag="--no-browser")
-    host: str = option("127.0.0.1", "ADDRESS")
-    port: int = option(0, "N", min=0, max=65535, shown="a free one")
-    json: bool = option(False, flag="--json")
+
+
+CHOOSING = ("study", "seed", "n_max", "start", "out", "terminal", "browser", "host", "port", "json")
+"""Options of `Options` that `prefcal choose` takes, too."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -366,6 +366,7 @@ def next_view(interview: Interview, report: Path | None) -> dict[str, Any]:
     return {
         "python": f"prefcal_app.load_controller({str(file)!r})" if usable else "",
         "download": None if file is None else "/report/best.json",
+        "verifies": file is not None and interview.scenario.source.candidates is None,
         "outlook": outlook_view(interview.known.outlook),
     }
 

@@ -10,14 +10,13 @@ from prefcal_env.wording import did_you_mean
 _WAYS = {"MINIMIZE": "lower", "MAXIMIZE": "higher"}
 
 
-def trials(url: str, name: str | None) -> tuple[Any, dict[str, str]]:
-    """Return what `trials_dataframe()` does of the finished trials, and the direction of each value.
-
-    Trials come in the order in which they finished, so that those that finish later come last.
+def trials(url: str, name: str | None, until: int | None) -> tuple[Any, dict[str, str]]:
+    """Return what `trials_dataframe()` does of the finished trials, and directions by heading.
 
     Args:
         url: URL of the storage, such as sqlite:///study.db.
         name: Name of the study; None if the storage holds only one.
+        until: Number of the last trial; None for all.
 
     Raises:
         MissingExtraError: If Optuna is not installed.
@@ -41,11 +40,12 @@ def trials(url: str, name: str | None) -> tuple[Any, dict[str, str]]:
         )
     study = optuna.load_study(study_name=chosen, storage=url)
     frame = study.trials_dataframe()
-    if not len(frame):
-        raise RecordError(f"the Optuna study {chosen!r} has no trial")
-    frame = frame[frame["state"].isin(("COMPLETE", "PRUNED", "FAIL"))]
-    ordered = frame.sort_values(["datetime_complete", "number"]).reset_index(drop=True)
-    names = study.metric_names or [str(k) for k in range(len(study.directions))]
+    finished = [] if frame.empty else frame["state"].isin(("COMPLETE", "PRUNED", "FAIL"))
+    if not any(finished):
+        raise RecordError(f"no trial of the Optuna study {chosen!r} has finished")
+    last = frame["number"].max() if until is None else until
+    names = study.metric_names or range(len(study.directions))
     values = ["value"] if "value" in frame else [f"values_{name}" for name in names]
-    ways = (_WAYS.get(direction.name, "") for direction in study.directions)
-    return ordered, dict(zip(values, ways, strict=True))
+    ways = [_WAYS.get(direction.name, "") for direction in study.directions]
+    kept = frame[finished & (frame["number"] <= last)].reset_index(drop=True)
+    return kept, dict(zip(values, ways, strict=True))
