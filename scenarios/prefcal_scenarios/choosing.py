@@ -135,7 +135,8 @@ class Rows(Source):
         self._leave_out(self._ids[lacks], "without a number in all that counts")
         first = {row.tobytes(): k for k, row in reversed([*enumerate(table)]) if not lacks[k]}
         rows = np.array(sorted(first.values()), dtype=np.int64)
-        self._leave_out(self._ids[np.setdiff1d(np.flatnonzero(~lacks), rows)], "a copy of an earlier one")
+        again = np.setdiff1d(np.flatnonzero(~lacks), rows) if self._numbers else rows[:0]
+        self._leave_out(self._ids[again], "with the numbers of an earlier one")
         read = {name: {*as_read(self._numbers[name][rows]).tolist()} for name in self.counted}
         if alike := [name for name, values in read.items() if len(values) < 2]:
             self._said.append(f"The same in all, so it does not count: {_few(alike)}.")
