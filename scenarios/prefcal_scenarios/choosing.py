@@ -94,7 +94,7 @@ class Rows(Source):
         self.counted = self._counts(config, better)
         rows = self._rows()
         self._place = dict(zip(self._ids[rows].tolist(), rows.tolist(), strict=True))
-        self.candidates = self._ids[rows, None].astype(float)
+        self.candidates: Float[np.ndarray, "m 1"] = self._ids[rows, None].astype(float)
 
     def _take_trials(self, better: Mapping[str, str]) -> Mapping[str, str]:
         """Keep the trials that completed, with params_K_p as K_p unless that is something else, too."""
@@ -171,8 +171,9 @@ class Rows(Source):
 
     def settings(self, theta: Float[np.ndarray, " n"]) -> dict[str, Any]:
         """Return the number of the row θ, shape (1,), and all in it that does not count."""
-        place, every = self._place[int(theta[0])], {**self._numbers, **self._text}
-        return {self.what: int(theta[0]), **{n: v[place] for n, v in every.items() if n not in self.counted}}
+        place = self._place[int(theta[0])]
+        beside = {n: float(v[place]) for n, v in self._numbers.items() if n not in self.counted}
+        return {self.what: int(theta[0]), **beside, **{n: cells[place] for n, cells in self._text.items()}}
 
     def kpis(self) -> Iterator[KPI]:
         """Yield all numbers; those that count in an unknown direction are learned both ways."""

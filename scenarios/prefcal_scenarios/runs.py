@@ -125,6 +125,7 @@ def simulator(scenario: Scenario | str, *, seed: int = 0) -> Callable[[Float[np.
         return screened(found, returned(found.run(theta, seed=seed)))
 
     simulate.reading = reading(found)  # type: ignore[attr-defined]
+    simulate.candidates = found.source.candidates  # type: ignore[attr-defined]
     return simulate
 
 

@@ -6,7 +6,10 @@ from itertools import count
 import numpy as np
 import pytest
 
+from prefcal_agents.screening.agent import Reason
 from prefcal_app.session import Choice, Phase
+from prefcal_app.simulating.why import as_shown, why
+from prefcal_env.experiments.experiment import Channels, End, Experiment
 from prefcal_scenarios.catalog import load
 from support.interviews import until
 from support.studies import state_of
@@ -231,3 +234,16 @@ def test_what_optuna_exports_is_recognized(tmp_path):
     }
     free = load(str(tmp_path / "trials.csv"))
     assert "Your answers show which way: values_0, user_attrs_x, size. Only shown: params_x." in free.brief
+
+
+def test_of_an_unknown_direction_it_is_only_said_which_is_higher(tmp_path):
+    scenario = load(f"{tmp_path / 'runs.csv'} " + json.dumps({"lower": ["settling"], "kpis": ["temper"]}))
+    new, best = (
+        Experiment.blank(np.array([1.0]), Channels((), (), ()), End.TIME_UP, kpis)
+        for kpis in ({"settling": 9.0, "temper": 7.0}, {"settling": 8.0, "temper": 3.0})
+    )
+    reason = Reason(0.5, ("more temper",), ("less temper", "settling"))
+    told = why(as_shown(reason, scenario, new, best), scenario, side="Left")
+    assert told == "Left has higher temper, but higher settling (chance that you prefer it: 50 %)."
+    told = why(as_shown(reason, scenario, best, new), scenario, side="Left")
+    assert told == "Left has lower temper and lower settling (chance that you prefer it: 50 %)."
