@@ -89,7 +89,6 @@ SHORT = {
     "prefcal_env/on_first_use.py": "imported with every package: it loads nothing",
     "prefcal_env/worlds/control.py": "an optional world",
     "prefcal_env/worlds/do_mpc.py": "an optional world",
-    "scenarios/prefcal_scenarios/names.py": "names alone, for the help: it loads nothing",
     "scenarios/prefcal_scenarios/worlds/live.py": "an optional world",
     "scenarios/prefcal_scenarios/worlds/optuna.py": "an optional world",
 }
