@@ -57,7 +57,7 @@ LAYERS = {
     "prefcal_scenarios": (
         {"names", "own"},
         {"scenario"},
-        {"described", "style", "wording"},
+        {"choosing", "described", "style", "wording"},
         {"cases"},
         {"catalog"},
         {"isolated", "runs", "verification", "worlds"},
@@ -89,8 +89,8 @@ SHORT = {
     "prefcal_env/on_first_use.py": "imported with every package: it loads nothing",
     "prefcal_env/worlds/control.py": "an optional world",
     "prefcal_env/worlds/do_mpc.py": "an optional world",
-    "scenarios/prefcal_scenarios/names.py": "names alone, for the help: it loads nothing",
     "scenarios/prefcal_scenarios/worlds/live.py": "an optional world",
+    "scenarios/prefcal_scenarios/worlds/optuna.py": "an optional world",
 }
 """Shorter files, and why."""
 ALONE = {

@@ -331,6 +331,8 @@ class KPI:
             four significant digits.
         formula: Formula that computes it from the signals of a run, such as "max(level) - ref(level)"
             (see docs/outcomes.md); "" if the run returns it.
+        of: Name of the KPI whose value this one reads, for a direction that is not known: then an agent
+            learns from one that is better lower and one that is better higher, and people see neither.
 
     Attributes:
         goal: Direction of improvement; "target" is the middle of the objective's range; None if
@@ -351,6 +353,7 @@ class KPI:
     about: str = ""
     resolution: float | None = None
     formula: str = ""
+    of: str = ""
     goal: Literal["lower", "higher", "target"] | None = field(init=False, repr=False, compare=False)
     step: float = field(init=False, repr=False, compare=False)
 

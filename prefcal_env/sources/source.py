@@ -201,6 +201,8 @@ class Source:
         instructions: What a person is told before they run or confirm an experiment.
         duration: Longest recorded time in seconds, if the run is followed live.
         afterward: What becomes of the values that a run wrote, as a part of a sentence.
+        candidates: The only θ that there are, physical, shape (m, n), such as rows of a table, whose
+            order means nothing; None if any θ can run.
     """
 
     asks: Asks = ""
@@ -216,6 +218,7 @@ class Source:
     instructions: str = ""
     duration: float = inf
     afterward: str = "the new values stay"
+    candidates: Float[np.ndarray, "m n"] | None = None
 
     def begin(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Run:
         """Return a run of θ, physical, shape (n,), which nobody has advanced yet."""
@@ -312,6 +315,7 @@ _DECLARED = (
     "instructions",
     "duration",
     "afterward",
+    "candidates",
 )
 """What a source says of itself, and is the same with more KPIs."""
 

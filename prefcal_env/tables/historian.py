@@ -15,7 +15,9 @@ from .sheet import Sheet, is_bad, with_gaps
 from .times import Clock, clock_of, other_times
 
 NO_HEADING = "no heading"
-_COUNTERS = re.compile(r"|unnamed: [\d.]+|index|no\.?|nr\.?|#|row|record|sample", re.IGNORECASE)
+_COUNTERS = re.compile(
+    r"|unnamed: [\d.]+|index|no\.?|nr\.?|#|row|record|sample|run|trial|experiment|id", re.IGNORECASE
+)
 """What columns of row numbers are called: often nothing, which pandas reads as "Unnamed: 0"."""
 
 
@@ -42,7 +44,7 @@ def tidied(
     if sheet.own_times:
         return sheet, time  # it is tidied
     taken = {time, *(i for i in range(len(sheet.headings)) if sheet.name(i) in used)}
-    aside = {i: "row numbers" for i in _row_numbers(sheet) if i not in taken}
+    aside = {i: "row numbers" for i in row_numbers(sheet) if i not in taken}
     aside |= {
         i: NO_HEADING for i, h in enumerate(sheet.headings) if not h.strip() and i not in {*aside, time}
     }
@@ -57,7 +59,7 @@ def tidied(
     return (sheet, time) if long is None else (long.wide(sheet, time_format, repeated=repeated), 0)
 
 
-def _row_numbers(sheet: Sheet) -> Iterator[int]:
+def row_numbers(sheet: Sheet) -> Iterator[int]:
     """Yield the columns that number the rows, as an index of pandas does."""
     for i, heading in enumerate(sheet.headings):
         values = sheet.frame[i]

@@ -20,6 +20,7 @@ from .names import (
     is_described,
     is_own,
     is_random_loop,
+    is_table,
 )
 from .own import module_at, split_source
 from .scenario import Scenario
@@ -44,6 +45,10 @@ def load(name: str) -> Scenario:
     if not isinstance(name, str):
         raise ScenarioError(f"a scenario is loaded by its name, got {name!r}")
     bare, config = split_source(name)
+    if is_table(bare):
+        from .choosing import choice_of
+
+        return choice_of(bare, config or {})
     if is_described(bare):
         # Imported here, and the cases below: a scenario needs none of the others.
         from .described.making import scenario_of

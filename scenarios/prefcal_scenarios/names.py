@@ -36,6 +36,8 @@ A new one is `described/NAME_scenario.py` and a row here: a function NAME_scenar
 """
 OWN = ("path/to/own.py:NAME", "tank.toml", *(world.file for world in WORLDS if world.file))
 """What people's own scenarios may be called, for messages, beside standard controllers."""
+TABLES = (".csv", ".tsv", ".txt", ".parquet", ".xlsx", ".xls", ".xlsb", ".ods")
+"""Endings of tables of runs, among which `prefcal choose` lets people choose."""
 _RANDOM_LOOP = re.compile(r"(loop|rough)-(0|[1-9]\d*)", re.ASCII)
 
 
@@ -62,14 +64,20 @@ def is_own(source: str) -> bool:
     It is path/to/own.py:attribute, or described by plain data (see `is_described`).
     """
     name = source.partition("{")[0].strip()
-    return is_described(name) or name.rpartition(":")[0].endswith(".py")
+    return (is_described(name) and not is_table(name)) or name.rpartition(":")[0].endswith(".py")
+
+
+def is_table(source: str) -> bool:
+    """Return whether a scenario is a table of runs or the storage of an Optuna study: no code is run."""
+    name = source.partition("{")[0].strip()
+    return name.lower().endswith(TABLES) or "://" in name
 
 
 def is_described(source: str) -> bool:
     """Return whether a scenario is described by plain data.
 
-    It is a TOML file, a file of an optional world, or a standard controller such as "pid",
-    configured or not.
+    It is a TOML file, a file of an optional world, a table of runs, or a standard controller such as
+    "pid", configured or not.
     """
     name = source.partition("{")[0].strip()
-    return name in CONTROLLERS or name.endswith((".toml", *ENDINGS))
+    return name in CONTROLLERS or name.endswith((".toml", *ENDINGS)) or is_table(name)

@@ -25,6 +25,8 @@ from prefcal_env.errors import PrefcalError, ScenarioError
 from prefcal_env.optional import ENDINGS
 from prefcal_env.wording import last_own, ours, own_line
 
+from .names import TABLES
+
 # --- Names of scenarios: a plain name, or a name followed by its configuration in JSON.
 
 _QUOTED = re.compile(rb"""["']([^"'\r\n\0]{1,200})["']""")
@@ -71,7 +73,7 @@ def file_in(text: str) -> tuple[Path | None, str]:
     """Return the file that "own.py:name" or "tank.toml" names, and the rest."""
     before, _, after = text.rpartition(":")
     for path, rest in ((text, Path(text).suffix), (before, after)):
-        if Path(path).suffix in (".py", ".toml", *ENDINGS) and Path(path).is_file():
+        if Path(path).suffix in (".py", ".toml", *ENDINGS, *TABLES) and Path(path).is_file():
             return Path(path), rest
     return None, text
 

@@ -125,6 +125,7 @@ def simulator(scenario: Scenario | str, *, seed: int = 0) -> Callable[[Float[np.
         return screened(found, returned(found.run(theta, seed=seed)))
 
     simulate.reading = reading(found)  # type: ignore[attr-defined]
+    simulate.candidates = found.source.candidates  # type: ignore[attr-defined]
     return simulate
 
 
@@ -134,7 +135,7 @@ def _known(scenario: Scenario, experiments: Sequence[HasKPIs]) -> list[dict[str,
         return [_tracked(scenario, experiment) for experiment in experiments]
     kpis = [kpi for kpi in scenario.kpis if kpi.goal is not None]
     # One table, a column for each KPI: NaN is what a run did not measure, which an `Outcome` drops.
-    values = [[each.kpis.get(kpi.name, np.nan) for kpi in kpis] for each in experiments]
+    values = [[each.kpis.get(kpi.of or kpi.name, np.nan) for kpi in kpis] for each in experiments]
     table = np.array(values, dtype=float).reshape(len(experiments), len(kpis))
     known = np.stack([kpi.badness(column) for kpi, column in zip(kpis, table.T, strict=True)], axis=1)
     known[[each.end.interrupted for each in experiments]] = np.inf

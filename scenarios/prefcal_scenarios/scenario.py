@@ -128,7 +128,7 @@ class Scenario:
     @property
     def shown_kpis(self) -> tuple[KPI, ...]:
         """Return the KPIs to show to people: all except the index, which no person chose."""
-        return tuple(k for k in self.kpis if self.cost is None or k.name != "index")
+        return tuple(k for k in self.kpis if not k.of and (self.cost is None or k.name != "index"))
 
 
 def finds_kpis(scenario: Scenario) -> bool:
@@ -336,7 +336,7 @@ def _unit_problems(scenario: Scenario, experiment: Experiment) -> Iterator[str]:
 
 def kpi_problems(scenario: Scenario, kpis: Mapping[str, float]) -> Iterator[str]:
     """Yield the scenario's KPIs that no run has returned."""
-    missing = [kpi.name for kpi in scenario.kpis if kpi.name not in kpis]
+    missing = [name for kpi in scenario.kpis if (name := kpi.of or kpi.name) not in kpis]
     if missing and not kpis:
         yield f"no run returns the KPI {missing[0]!r}, or any other: is kpis= or a return missing?"
         return

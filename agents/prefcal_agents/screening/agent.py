@@ -405,9 +405,9 @@ class Screening(Simulating):
     def trend(self) -> Float[np.ndarray, " n"] | None:
         """Return how expected worth grows along each knob near the best θ; None before an answer.
 
-        It simulates if needed.
+        None among given candidates, too, whose order means nothing. It simulates if needed.
         """
-        if self.best_index is None or not self.history.lessons():
+        if self.best_index is None or not self.history.lessons() or self.simulations.candidates is not None:
             return None
         stage = self._stages(self.history)
         return trend(stage.bank.z, stage.costs, stage.bank.find(self.best))
@@ -555,7 +555,7 @@ class Screening(Simulating):
         stage, best = self._stages(history), history.incumbent
         rng = np.random.default_rng([self.setup.seed, history.answered])
         tried = Tried(self.space, history)
-        if without_kpis(history, stage):
+        if self.simulations.candidates is None and without_kpis(history, stage):
             others = self.simulations.learned(BeyondKPIs, self.space, self.setup.seed)
             beyond = tried.fresh(others.propose(history, stage), rng)
             if self._growth.works(beyond):

@@ -41,7 +41,8 @@ KPIs may be infinite (never), or missing or NaN (unknown). None, no KPIs or an e
 simulation failed, which keeps the agent away from its θ. If the function has an attribute `many`,
 that is called with a list of θ instead and returns their KPIs in the same order, for example from
 several processes; see `SimulateMany`. An attribute `reading` says how people read these KPIs.
-An attribute `holds` makes a study robust; see `Holds`.
+An attribute `holds` makes a study robust; see `Holds`. An attribute `candidates`, shape (m, n), lists the
+only θ that there are, in an order that means nothing: all are simulated before the first question.
 """
 Holds = Callable[[Sequence[Theta], int], Sequence[int]]
 """Function of θ and a number of perturbed runs that returns how many of these runs of each θ keep the
@@ -90,6 +91,7 @@ class Simulations:
         self.reading: Reading = getattr(simulate, "reading", None) or Reading()
         self._many: Callable[[Sequence[Theta]], Iterable[Any]] | None = many
         self.holds: Holds | None = getattr(simulate, "holds", None)
+        self.candidates: Float[np.ndarray, "m n"] | None = getattr(simulate, "candidates", None)
         self._known: dict[bytes, dict[str, float]] = {}
         self._error: Exception | None = None
         self._learned: dict[Callable[..., Any], Any] = {}
@@ -343,8 +345,10 @@ class Growth:
     def __init__(self, simulations: Simulations, space: KnobSpace, n_simulated: int, seed: int) -> None:
         self.simulations = simulations
         self._space, self._seed = space, seed
-        self._plan = _plan(n_simulated)
-        self._design = latin_hypercube(space, sum(wide for wide, _ in self._plan), seed)
+        given = simulations.candidates
+        self._plan = _plan(n_simulated) if given is None else [(len(given), 0)]
+        wide = sum(count for count, _ in self._plan)
+        self._design = latin_hypercube(space, wide, seed) if given is None else space.encode_all(given)
         self._stages = Stages(self._first, self._following)
         self._pooled: tuple[History, Pool] | None = None  # the latest one: it is large
 

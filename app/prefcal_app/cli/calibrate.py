@@ -38,15 +38,15 @@ from prefcal_app.terminal.showing import say
 from prefcal_app.view.end import baseline_of
 from prefcal_env.compiling import Compiling
 from prefcal_env.disk import digest_of
-from prefcal_env.errors import RunError, SimulationError, StudyError
+from prefcal_env.errors import RecordError, RunError, SettingsError, SimulationError, StudyError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.study import State, study_path, to_text
 from prefcal_env.study.file import simulated_beside
 from prefcal_scenarios.catalog import load
-from prefcal_scenarios.described.description import words_to_resume
+from prefcal_scenarios.described.description import listed, words_to_resume
 from prefcal_scenarios.isolated import isolation
-from prefcal_scenarios.names import is_own
-from prefcal_scenarios.own import fingerprint
+from prefcal_scenarios.names import TABLES, is_own, is_table
+from prefcal_scenarios.own import fingerprint, joined_source
 from prefcal_scenarios.scenario import Scenario
 from prefcal_scenarios.wording import labeled, printable, theta_text
 
@@ -62,6 +62,7 @@ from .choices import (
     worth_keeping,
 )
 from .options import Options
+from .parameters import parameters_of
 from .studies.files import as_text, completed, existing, open_described
 
 # --- Handle Ctrl-C at any moment: acknowledge it, stop, and keep all results in whole files.
@@ -311,7 +312,7 @@ class Calibration:
         options = self.options
         words = [
             "prefcal",
-            "calibrate",
+            "choose" if is_table(options.scenario) else "calibrate",
             *words_to_resume(options.scenario),
             "--study",
             self.opened.name or "",
@@ -445,12 +446,15 @@ def _simulator(stack: ExitStack, opened: Opened, scenario: Scenario, keep: bool)
     if options.twin is not None:
         isolated = stack.enter_context(isolation(options.twin, limit))
         studied = twin_of(studied, isolated(load(options.twin)))
-    kept = None
-    if keep and opened.name is not None:
+    kept, given = None, studied.source.candidates is not None  # rows of a table: there is nothing to run
+    if keep and opened.name is not None and not given:
         source = options.scenario if options.twin is None else options.twin
         key = key_of(studied, source, state.configuration, versions())
         kept = Kept(simulated_beside(Path(opened.file.path)), key)
-    simulator = Simulator(studied, seed=options.seed, longest=limit, kept=kept, robust=options.robust)
+    jobs = 0 if given else None
+    simulator = Simulator(
+        studied, seed=options.seed, jobs=jobs, longest=limit, kept=kept, robust=options.robust
+    )
     stack.enter_context(simulator).start()
     return simulator
 
@@ -546,6 +550,36 @@ def run(given: Mapping[str, Any]) -> int:
             opened = open_study(given, scenario, given["study"])
             with kept_if_worth_it(opened, scenario, messages):
                 return _run(opened, scenario, ctrl_c, messages)
+
+
+def choose(typed: Mapping[str, Any]) -> int:
+    """Let a person choose among the runs of a table; return the exit code.
+
+    Args:
+        typed: Values of the options of `prefcal choose`.
+
+    Raises:
+        PrefcalError: If there is no such table, or the options do not fit it, the study or the machine.
+    """
+    name, config = typed["table"], {key: listed(typed[key]) for key in ("lower", "higher", "kpis")}
+    if not is_table(name):
+        raise RecordError(f"expected a table ({', '.join(TABLES)}) or the URL of a storage, got {name!r}")
+    config = {key: value for key, value in {**config, "of": typed["of"]}.items() if value}
+    source = joined_source(name, config) if config else name
+    options = parameters_of(Options).items()
+    wanted = {n: p.given(typed[n]) if n in typed else None if p.kept else p.default for n, p in options}
+    if typed["study"] is None or not study_path(typed["study"]).is_file():
+        found = load(source)
+        if "://" in name:  # more trials may follow
+            source = joined_source(name, {**config, "until": int(found.space.knobs[0].high)})
+        assert found.source.candidates is not None
+        count = len(found.source.candidates)
+        if (wanted["n_max"] or 0) > count:
+            raise SettingsError(
+                f"--n-max must be at most {count}, all that can be chosen, got {wanted['n_max']}"
+            )
+        wanted |= {"simulate": count, "n_max": wanted["n_max"] or min(count, 11)}
+    return run({**wanted, "scenario": source})
 
 
 def _run(opened: Opened, scenario: Scenario, ctrl_c: Interruption, messages: Console) -> int:

@@ -9,8 +9,8 @@ from typing import Annotated, Any
 
 from typer import Argument, Context, Exit, Option, Typer, echo
 
-from .options import CheckOptions, LookOptions, Options, ReportOptions, VerifyOptions
-from .parameters import examples, examples_of_worlds, given, made, takes
+from .options import CHOOSING, CheckOptions, ChooseOptions, LookOptions, Options, ReportOptions, VerifyOptions
+from .parameters import examples, examples_of_worlds, given, made, parameters_of, takes
 from .starters.new import EPILOG as NEW_EPILOG
 from .starters.new import new
 from .studies.commands import app as studies
@@ -93,6 +93,35 @@ def calibrate(**typed: Any) -> None:
     from .calibrate import run
 
     raise Exit(run(found))
+
+
+@app.command(
+    no_args_is_help=True,
+    epilog=examples(
+        (
+            "choose runs.csv --lower overshoot,settling",
+            "Both count, and lower is better; all other columns are only shown.",
+        ),
+        ("choose runs.csv", "All columns of numbers count; your answers tell in which direction."),
+        ("choose cars.xlsx --lower price --higher range --kpis length", "Of length, you show what you like."),
+        ("choose runs.csv --study mine --terminal", "In this terminal; run it again to resume."),
+        *examples_of_worlds("choose"),
+        more="""\
+The first line of a table holds headings, perhaps with units, as in "settling \\\\[s]". What
+`trials_dataframe()` of Optuna exports is recognized: trials that failed are left out.
+""",
+    ),
+)
+@takes(ChooseOptions, *(parameters_of(Options)[name] for name in CHOOSING))
+def choose(**typed: Any) -> None:
+    """Choose among runs that already ran: about ten questions find the row that you want.
+
+    Nothing is run. Two rows of TABLE are shown at a time, and you say which one you would rather
+    have. Ends with the best row and why, in a report and in best.json. Every answer is saved.
+    """
+    from .calibrate import choose as chosen
+
+    raise Exit(chosen(typed))
 
 
 app.command(no_args_is_help=True, epilog=NEW_EPILOG)(new)

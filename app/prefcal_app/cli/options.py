@@ -241,6 +241,29 @@ def _defaults(said: Mapping[str, Any], knobs: int, simulated: bool) -> dict[str,
 
 
 @dataclass(frozen=True, slots=True)
+class ChooseOptions:
+    """Options of `prefcal choose` that are its own, in the order of its help; `CHOOSING` are the others.
+
+    Args:
+        table: CSV, Parquet or Excel file with a row for each run, or the URL of a storage of trials.
+        lower: Columns in which lower is better.
+        higher: Columns in which higher is better.
+        kpis: Columns that count, too; your answers show in which direction.
+        of: Study in the storage, if it holds several.
+    """
+
+    table: str = argument("TABLE")
+    lower: tuple[str, ...] = option((), "NAME,...")
+    higher: tuple[str, ...] = option((), "NAME,...")
+    kpis: tuple[str, ...] = option((), "NAME,...", shown="all numbers, if no column is named")
+    of: str | None = option(None, "NAME", shown="the only one")
+
+
+CHOOSING = ("study", "seed", "n_max", "start", "out", "terminal", "browser", "host", "port", "json")
+"""Options of `Options` that `prefcal choose` takes, too."""
+
+
+@dataclass(frozen=True, slots=True)
 class CheckOptions(Described):
     """Options of `prefcal check`, in the order of its help.
 

@@ -195,8 +195,8 @@ def kept_by(options: type) -> Mapping[str, tuple[Parameter, Kept]]:
     return {name: (each, each.kept) for name, each in parameters if each.kept is not None}
 
 
-def takes(options: type) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Return a decorator that gives a command the parameters declared by `options`.
+def takes(options: type, *more: Parameter) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return a decorator that gives a command the parameters declared by `options`, and `more`.
 
     Parameters of its own come first, such as typer's context.
     """
@@ -204,7 +204,7 @@ def takes(options: type) -> Callable[[Callable[..., None]], Callable[..., None]]
     def declare(command: Callable[..., None]) -> Callable[..., None]:
         own = inspect.signature(command).parameters.values()
         parameters = [p for p in own if p.kind is not inspect.Parameter.VAR_KEYWORD]
-        parameters += [parameter.signature for parameter in parameters_of(options).values()]
+        parameters += [parameter.signature for parameter in (*parameters_of(options).values(), *more)]
         command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
         return command
 

@@ -514,24 +514,7 @@ class ExperimentStore:
         known = self.study.state.finished
         declared = self.scenario.source.channels or Channels((), (), ())
         channels = self.experiment(min(known)).channels if known else declared
-        x, u, y = (np.zeros((0, len(each))) for each in (channels.x, channels.u, channels.y))
-        measured = {(c.name, c.unit) for c in channels.y} - {(c.name, c.unit) for c in channels.x}
-        none = np.zeros(0)
-        return Experiment(
-            theta=theta,
-            t=none,
-            x=x,
-            u=u,
-            t_control=none,
-            u_control=u,
-            y_ref=y,
-            iterations=np.zeros(0, dtype=np.int64),
-            solve_time=none,
-            solved=np.zeros(0, dtype=bool),
-            channels=channels,
-            end=End.FAILED,
-            y=y if measured else None,
-        )
+        return Experiment.blank(theta, channels, End.FAILED)
 
     def question(self, id_: int, number: int, shown: Shown) -> Question:
         """Return the question of the event `shown`, with the current marks."""

@@ -361,6 +361,7 @@ class Simulator:
         source = scenario.source.elsewhere
         own = source is not scenario.source
         self.scenario, self.reading = scenario, reading(scenario)
+        self.candidates = source.candidates
         directed = has_goals(scenario)
         run = verification.varied_runs.Perturbed(scenario, seed) if robust else source
         self.holds = partial(verification.varied_runs.runs_kept, self.many, self.reading) if robust else None

@@ -51,10 +51,12 @@ def as_shown(reason: Reason, scenario: Scenario, new: Experiment, best: Experime
 
 def _gains(scenario: Scenario, new: Experiment, best: Experiment) -> Iterator[tuple[str, int]]:
     """Yield each KPI with 1 if `new` reads better, -1 if it reads worse, else 0."""
-    for kpi in scenario.shown_kpis:
-        if kpi.goal is not None and kpi.name in new.kpis and kpi.name in best.kpis:
-            ours, theirs = (kpi.judged(float(e.kpis[kpi.name])) for e in (new, best))
-            yield kpi.name, (ours < theirs) - (ours > theirs)
+    for kpi in (*scenario.shown_kpis, *(kpi for kpi in scenario.kpis if kpi.of)):
+        of = kpi.of or kpi.name
+        if kpi.goal is not None and of in new.kpis and of in best.kpis:
+            ours, theirs = (kpi.judged(float(e.kpis[of])) for e in (new, best))
+            # Of an unknown direction it is only said which of the two is higher.
+            yield kpi.name, (ours < theirs) - (ours > theirs and not kpi.of)
 
 
 def why(

@@ -172,7 +172,7 @@ class _Axis:
 def _axes(screened: Screened, scenario: Scenario) -> list[_Axis]:
     """Return the KPIs, in the scenario's order, and the knobs."""
     bank, kpis = screened.bank, {kpi.name: kpi for kpi in scenario.kpis}
-    order = [name for name in kpis if name in bank.names]
+    order = [*{kpi.of or name: name for name, kpi in kpis.items() if name in bank.names}.values()]
     order += [name for name in bank.names if name not in kpis]
     about = [kpis.get(name, KPI(name, name.replace("_", " "))) for name in order]
     found = [_of_kpi(kpi, bank.kpis[:, bank.names.index(kpi.name)]) for kpi in about]
@@ -366,6 +366,7 @@ def next_view(interview: Interview, report: Path | None) -> dict[str, Any]:
     return {
         "python": f"prefcal_app.load_controller({str(file)!r})" if usable else "",
         "download": None if file is None else "/report/best.json",
+        "verifies": file is not None and interview.scenario.source.candidates is None,
         "outlook": outlook_view(interview.known.outlook),
     }
 

@@ -488,7 +488,7 @@ def _maneuver_view(
 def run_view(run: Experiment, panels: Sequence[Plot], kpis: Sequence[KPI], seen: Seen) -> dict[str, Any]:
     """Return the curves of a run; of a maneuver its KPIs, too, and how it ended."""
     part = numbers_view(run, kpis) if run.maneuver else None
-    return {**seen.drawn(run, panels), "part": part, "empty": not len(run.t)}
+    return {**seen.drawn(run, panels), "part": part, "empty": not (len(run.t) or run.kpis)}
 
 
 def side_view(side: Side, other: Experiment, scenario: Scenario, *, blind: bool) -> dict[str, Any]:
@@ -509,7 +509,7 @@ def numbers_view(experiment: Experiment, kpis: Sequence[KPI]) -> dict[str, Any]:
     return {
         "ended": ended_text(experiment),
         "interrupted": experiment.end.interrupted,
-        "empty": not len(experiment.t),
+        "empty": not (len(experiment.t) or experiment.kpis),
         "kpis": rows,
     }
 

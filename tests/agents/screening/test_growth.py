@@ -394,3 +394,26 @@ def test_where_experiments_measure_other_kpis_than_those_simulated_nothing_is_sa
             query, Answer(None if len(told) < 2 else Preference.CHALLENGER, outcomes=(*told, None)[:2])
         )
     assert agent.certificate is None
+
+
+def test_given_candidates_are_all_there_is_from_the_first_question_to_the_last():
+    space = KnobSpace([Knob("row", 1, 40, integer=True)])
+    rows = np.array([3, 4, 9, 12, 13, 20, 21, 22, 29, 31, 37, 38, 40, 2, 7], dtype=float)
+    asked = []
+
+    def numbers(theta):
+        asked.append(theta[0])
+        return {"a": (7 * theta[0]) % 41, "b": (11 * theta[0]) % 41}
+
+    numbers.candidates = rows[:, None]
+    agent = Screening(space, simulate=numbers, n_max=len(rows), seed=1)
+    shown = []
+    while not agent.done:
+        query = agent.ask()
+        assert set(agent.bank.thetas[:, 0]) == set(rows)
+        shown.append(query.challenger.theta[0])
+        # The first one wins every time: the KPIs explain nothing, and all challengers lose.
+        agent.tell(query, None if query.incumbent is None else Preference.INCUMBENT)
+    assert sorted(shown) == sorted(rows)
+    assert sorted(asked) == sorted(rows)
+    assert agent.trend is None

@@ -24,7 +24,7 @@ CALLS = [
     ("calibrate TOY --agent glips", "--agent must be one of screening", "Did you mean 'glisp'?"),
     ("calibrate TOY --calibrator synthtic", "--calibrator must be one of human, ", "'synthetic'?"),
     ("calib", "no such command 'calib'. Did you mean 'calibrate'?"),
-    ("nonsense", "no such command 'nonsense'", "calibrate, new, check, look, report, "),
+    ("nonsense", "no such command 'nonsense'", "calibrate, choose, new, check, look, report, "),
     ("calibrate TOY --nmax 3", "no such option: --nmax", "--n-max"),
     ("calibrate TOY --n-max x", "--n-max"),
     ("calibrate TOY more", "more", "calibrate --help"),

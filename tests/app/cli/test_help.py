@@ -4,6 +4,7 @@ import pytest
 
 COMMANDS = [
     ["calibrate"],
+    ["choose"],
     ["check"],
     ["report"],
     *(

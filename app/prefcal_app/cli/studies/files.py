@@ -57,8 +57,8 @@ from prefcal_scenarios.described.description import (
     resumed_source,
     words_to_resume,
 )
-from prefcal_scenarios.names import CONTROLLERS, is_built_in, is_described, is_own
-from prefcal_scenarios.own import joined_source, split_source, with_config_of
+from prefcal_scenarios.names import CONTROLLERS, is_built_in, is_described, is_own, is_table
+from prefcal_scenarios.own import fingerprint, joined_source, split_source, with_config_of
 from prefcal_scenarios.wording import labeled, mark_text, number, printable
 
 # --- Find study files, open them safely, list them, and show one.
@@ -319,6 +319,10 @@ def completed(given: Mapping[str, Any]) -> dict[str, Any]:
     cost = given.get("cost")
     if kept:
         source = _trusted(str(study), kept["scenario"], source)
+        if is_table(source) and "://" not in source and fingerprint(source) != kept.get("fingerprint"):
+            raise StudyError(
+                f"the table of study {study!r} has changed since it began: restore it, or start another study"
+            )
         known = kept["options"].get("cost")
         # A study from another person must not decide which program runs here; a KPI's name is none.
         if cost is None and known is not None and not is_own(str(known)):
@@ -363,7 +367,8 @@ def _trusted(name: str, named: str, source: str | None) -> str:
 
     The study names the scenario `named`; `source` is the user's, None to use a built-in one of the study.
     """
-    if source is None and not is_built_in(named):
+    harmless = is_built_in(named) or (is_table(named) and "://" not in named)
+    if source is None and not harmless:
         # A study from another person must not decide which program runs here.
         short, *plant = words_to_resume(named)  # the study keeps the rest
         option = plant or ["--scenario", short]

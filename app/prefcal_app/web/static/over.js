@@ -58,7 +58,7 @@ function steps(now, act) {
       outlook.command ? command(outlook.command, "widens the range") : null) : null,
     over.menu.length ? item("Or do you prefer one of these?", el("p", {}, "People who answer like you might. Look at one beside the result, and at what lies between them."),
       el("p", { class: "actions" }, over.menu.map(({ name }, k) => [button(name, () => showOther(k), { class: "other" }), el("kbd", {}, String(k + 1))]))) : null,
-    over.next.download ? item("Will it hold on the plant?", verification()) : null,
+    over.next.verifies ? item("Will it hold on the plant?", verification()) : null,
     item("Come back", command(study.again, "opens this study again"), command(over.command, "repeats it from the start")),
     item("Done", el("p", { class: "actions" }, button("Close prefcal", close), el("span", { class: "faint" }, "ends the command in the terminal")))));
 

@@ -78,7 +78,8 @@ function arrange() {
 }
 
 export function fit() {
-  if (!plots.question) return;
+  $("pair").classList.toggle("bare", !plots.panels.length);
+  if (!plots.panels.length) return;
   plots.draw();
   cursor.draw();
 }

@@ -6,6 +6,7 @@ const NAMES = { worst: "Worst maneuver", mean: "Mean of all maneuvers" };
 let open = false;
 let shown = null;
 let usual = true;
+let bare = false;
 
 export function start() {
   open = kept("prefcal-compare") === "yes";
@@ -21,15 +22,16 @@ export function toggle() {
 export function take(question) {
   shown = question.comparison;
   usual = !question.notes; // a study knows what is usual
+  bare = !question.panels.length; // there are no curves: the table is all there is to see
   draw();
 }
 
 function draw() {
   const some = Boolean(shown?.length);
   $("compare-toggle").disabled = !some;
-  $("compare-toggle").setAttribute("aria-expanded", open && some);
-  $("compare").hidden = !(open && some);
-  if (!open || !some) return;
+  $("compare-toggle").setAttribute("aria-expanded", (open || bare) && some);
+  $("compare").hidden = !((open || bare) && some);
+  if ($("compare").hidden) return;
   const groups = [...new Set(shown.map(({ group }) => group))];
   if (groups.length > 1) {
     fill($("compare"), el("div", { class: "tables grouped" }, groups.map((group) =>

@@ -19,7 +19,7 @@ export function verification() {
   return place;
 }
 
-export const verify = () => current()?.over?.next.download && show(() => post("verify", {}, false));
+export const verify = () => current()?.over?.next.verifies && show(() => post("verify", {}, false));
 
 async function show(ask) {
   clearTimeout(timer);
