@@ -43,10 +43,10 @@ def test_a_study_goes_on_with_the_trials_that_it_began_with(made, done, monkeypa
     monkeypatch.setattr("prefcal_app.report.write.draw", lambda record, extra: ())
     monkeypatch.setattr("prefcal_app.cli.calibrate.converse", lambda interview, console: answered(interview))
     words = ["choose", URL, "--study", "mine", "--terminal"]
-    assert done(*words) == "" or True
+    done(*words)
     study, objective = made
     study.optimize(objective, 5)
-    done(*words)
+    done(*words)  # an exit code other than 0 fails
 
 
 def answered(interview):
