@@ -26,6 +26,7 @@ EXTENDED = {
         "worlds/casadi/*",
         "worlds/control/*",
         "worlds/do_mpc/*",
+        "worlds/optuna/*",
         "worlds/test_deleted.py",
     ),
     "notebook": ("worlds/notebook/*",),
