@@ -455,7 +455,7 @@ def test_the_check_of_a_real_server_sees_a_fast_write_and_a_late_restoration(mon
 
     with monkeypatch.context() as changed:
         changed.setattr(LiveKnob, "step", lambda self, elapsed, period: 1e9)
-        found = server_sessions.run(10.0, most=6)
+        found = server_sessions.run(60.0, most=6)
         assert any("is faster than" in words for words in found.broken)
     moved, calls = Drive._moved_to, []
 
@@ -466,7 +466,7 @@ def test_the_check_of_a_real_server_sees_a_fast_write_and_a_late_restoration(mon
         return moved(self, targets) if not self.plant.connected or len(calls) > 6 else False
 
     monkeypatch.setattr(Drive, "_moved_to", late)
-    found = server_sessions.run(10.0, most=12, first=7)
+    found = server_sessions.run(60.0, most=12, first=7)
     assert any("idle samples" in words for words in found.broken)
 
 
