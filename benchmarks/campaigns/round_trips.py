@@ -86,7 +86,7 @@ class Case:
         return t, y + self.noise * np.random.default_rng(self.seed).standard_normal(len(t)), r
 
     def right(self) -> dict[str, tuple[float, float]]:
-        """Return the right value of each KPI in m and s, and by how much it may be missed."""
+        """Return the middle of the right values of each KPI in m and s, and by how much it may be missed."""
         t = np.linspace(0.0, self.moment + 80.0, 200_001)
         y, r = self.curves(t)
         ends = [(self.moment, self.size, self.moment + (40 if self.kind == "steps" else 80))]
@@ -98,14 +98,15 @@ class Case:
             rows = (t >= begin - 1e-9) & (t < end)
             aim, off = r[rows][-1], np.abs((y - r)[rows])
             over.append(max(float((np.sign(change) * (y[rows] - aim)).max()), 0.0))
-            settled.append([_last(t[rows], off, 0.03 * abs(change) + d) - begin for d in (miss, 0.0, -miss)])
+            settled.append([_last(t[rows], off, 0.03 * abs(change) + d) - begin for d in (miss, -miss)])
         found = {"overshoot": (max(over), abs(self.size) * self.step**2 + LOUD * self.noise)}
         if not self.noise:  # it adds an area of its own, and moves the last entry into the band
             area = float(np.trapezoid(np.abs(y - r), t))
-            late = 0.5 * abs(self.size) * self.step if self.kind == "steps" else 0.0  # the second one is seen
-            found["integrated error"] = (area, 0.02 * area + late)
-            least, true, most = np.max(settled, axis=0)
-            found["settling time"] = (true, max(most - true, true - least) + 1.01 * self.step + 1e-3)
+            # The second step is seen with the next sample, so that up to this much area is not.
+            late = 0.5 * abs(self.size) * self.step if self.kind == "steps" else 0.0
+            found["integrated error"] = (area - late / 2, 0.02 * area + late / 2)
+            least, most = np.max(settled, axis=0).tolist()
+            found["settling time"] = ((least + most) / 2, (most - least) / 2 + 1.01 * self.step + 1e-3)
         return found
 
 

@@ -308,13 +308,23 @@ class Experiment:
         """Return an experiment of θ, physical, shape (n,), that left no record, with these KPIs."""
         x, u, y = (np.zeros((0, len(each))) for each in (channels.x, channels.u, channels.y))
         measured = {(c.name, c.unit) for c in channels.y} - {(c.name, c.unit) for c in channels.x}
-        none, steps = (
-            np.zeros(0),
-            {"iterations": np.zeros(0, dtype=np.int64), "solved": np.zeros(0, dtype=bool)},
+        none = np.zeros(0)
+        return cls(
+            theta,
+            none,
+            x,
+            u,
+            t_control=none,
+            u_control=u,
+            y_ref=y,
+            iterations=np.zeros(0, dtype=np.int64),
+            solve_time=none,
+            solved=np.zeros(0, dtype=bool),
+            channels=channels,
+            end=end,
+            kpis=kpis or {},
+            y=y if measured else None,
         )
-        made: dict[str, Any] = {"t_control": none, "u_control": u, "y_ref": y, "solve_time": none, **steps}
-        made |= {"channels": channels, "end": end, "kpis": kpis or {}, "y": y if measured else None}
-        return cls(theta, none, x, u, **made)
 
     def with_kpis(self, kpis: "Mapping[str, float] | KPIs") -> "Experiment":
         """Return this experiment with other KPIs; it shares the arrays, which are checked already.

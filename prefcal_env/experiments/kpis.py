@@ -20,6 +20,7 @@ from .panels import output_called, plot_called
 # --- Compute a KPI by a formula of a run's signals, such as "max(level) - ref(level)".
 
 _LONGEST = 300  # characters; this also limits how deeply a formula nests
+_LARGEST_POWER, _LONGEST_UNIT = 4, 100  # of a unit that is followed: x ** 999999999 must cost nothing
 _OPERATORS: Mapping[type, Callable[..., Any]] = {
     ast.Add: np.add,
     ast.Sub: np.subtract,
@@ -130,7 +131,7 @@ def _read(node: ast.AST) -> Formula:
             return Formula(lambda run: run.reference(place(run.channels)), unit=unit, named=True)
         case ast.UnaryOp(op=op) | ast.BinOp(op=op) | ast.Compare(ops=[op]) if type(op) in _OPERATORS:
             operands = [_read(each) for each in ast.iter_child_nodes(node) if isinstance(each, ast.expr)]
-            return _joined(_OPERATORS[type(op)], operands, partial(_combined, node))
+            return _joined(_OPERATORS[type(op)], operands, partial(_unit_of_operation, node))
         case ast.Call(ast.Name(name), arguments, words):
             return _called(name, [*map(_read, arguments)], {word.arg: _read(word.value) for word in words})
     raise ScenarioError(
@@ -145,10 +146,10 @@ def _called(name: str, parts: Sequence[Formula], window: Mapping[str | None, For
         hint = did_you_mean(name, _FUNCTIONS)
         raise ScenarioError(f"there is no function {name!r}.{hint} Expected one of {', '.join(_FUNCTIONS)}")
     if name in ("max", "min") and len(parts) > 1 and not window:
-        return _joined(np.maximum if name == "max" else np.minimum, parts, _common)
+        return _joined(np.maximum if name == "max" else np.minimum, parts, _common_unit)
     one = len(parts) == 1 and (parts[0].curve or name in ("abs", "sqrt"))
     if one and name in _CURVES and not window:
-        return _joined(_CURVES[name], parts, partial(_of_function, name, ""))
+        return _joined(_CURVES[name], parts, partial(_unit_of_function, name, ""))
     timed = window.keys() <= {"after", "before"} and not any(end.curve for end in window.values())
     if not one or name not in _ALL or not timed:
         raise ScenarioError(f"{name} takes one signal; {', '.join(_ALL)} take after= and before=, too")
@@ -162,8 +163,8 @@ def _called(name: str, parts: Sequence[Formula], window: Mapping[str | None, For
 
     def unit(channels: Channels, signals: Collection[str]) -> str:
         spans = [end.unit(channels, signals) for end in window.values()]
-        _common(plain(channels.time_unit), *spans)
-        return _of_function(name, plain(channels.time_unit), parts[0].unit(channels, signals))
+        _common_unit(plain(channels.time_unit), *spans)
+        return _unit_of_function(name, plain(channels.time_unit), parts[0].unit(channels, signals))
 
     return replace(joined, compute=compute, curve=False, unit=unit)
 
@@ -232,29 +233,30 @@ def _unit_called(name: str, channels: Channels, signals: Collection[str]) -> str
     return plain((measured or [plot_called(name, channels, signals).channel])[0].unit) or "?"
 
 
-def _combined(node: ast.AST, *units: str) -> str:
+def _unit_of_operation(node: ast.AST, *units: str) -> str:
     """Return the unit of an operation on values in `units`."""
     one, *others = units
     match node:
         case ast.BinOp(op=ast.Sub()):
-            return _step(_common(*units))
+            return _unit_of_difference(_common_unit(*units))
         case ast.BinOp(op=ast.Add()):
-            return _common(*units)
+            return _common_unit(*units)
         case ast.Compare():
-            _common(*units)
+            _common_unit(*units)
             return "1"
         case ast.BinOp(op=ast.Mult()):
-            return _product(one, others[0])
+            return _unit_of_product(one, others[0])
         case ast.BinOp(op=ast.Div()) if not {"", "?"} & {*units}:
-            return "1" if one == others[0] else f"{_step(one)}/({_step(others[0])})"
-        case ast.BinOp(op=ast.Pow(), right=ast.Constant(int(power))) if power > 0:
-            return reduce(_product, [one] * power)
+            ratio = f"{_unit_of_difference(one)}/({_unit_of_difference(others[0])})"
+            return "1" if one == others[0] else _short(ratio)
+        case ast.BinOp(op=ast.Pow(), right=ast.Constant(int(power))) if 0 < power <= _LARGEST_POWER:
+            return reduce(_unit_of_product, [one] * power)
         case ast.UnaryOp():
             return one
     return "?" if any(units) else ""
 
 
-def _common(*units: str) -> str:
+def _common_unit(*units: str) -> str:
     """Return the unit of values that are added or compared; that of numbers is the same.
 
     Raises ScenarioError if they measure the same in different units.
@@ -271,23 +273,32 @@ def _common(*units: str) -> str:
     return next((unit for unit in there if not unit.startswith("delta_")), there[0] if there else "")
 
 
-def _step(unit: str) -> str:
+def _unit_of_difference(unit: str) -> str:
     """Return the unit of a difference of values: that of temperatures has no zero of its own."""
     return f"delta_{unit}" if unit in ("degC", "degF") else unit
 
 
-def _product(one: str, other: str) -> str:
+def _unit_of_product(one: str, other: str) -> str:
     """Return the unit of a product."""
     if "?" in (one, other) or not one or not other:
         return "?" if one or other else ""  # a number may be a factor that converts the other one
-    return next((b for a, b in ((one, other), (other, one)) if a == "1"), f"{_step(one)}*{_step(other)}")
+    if "1" in (one, other):
+        return other if one == "1" else one
+    return _short(f"{_unit_of_difference(one)}*{_unit_of_difference(other)}")
 
 
-def _of_function(name: str, time: str, unit: str) -> str:
+def _short(unit: str) -> str:
+    """Return a unit, not known if it is long: that of x ** 4, 4 times nested, has hundreds of factors."""
+    return unit if len(unit) <= _LONGEST_UNIT else "?"
+
+
+def _unit_of_function(name: str, time: str, unit: str) -> str:
     """Return the unit of a function of a signal, given those of time and of the signal."""
     if name == "integral":
-        return _product(unit, time)
-    return {"sqrt": "?", "diff": _step(unit), "peak_to_peak": _step(unit)}.get(name, unit)
+        return _unit_of_product(unit, time)
+    return {"sqrt": "?", "diff": _unit_of_difference(unit), "peak_to_peak": _unit_of_difference(unit)}.get(
+        name, unit
+    )
 
 
 def as_read(

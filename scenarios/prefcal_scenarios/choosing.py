@@ -49,7 +49,7 @@ def choice_of(name: str, config: Mapping[str, Any]) -> Scenario:
         source = Rows(sheet_of(Path(name)), config, better)
     ids = source.candidates[:, 0]
 
-    def allowed(theta: Mapping[str, Any]) -> Any:
+    def violation(theta: Mapping[str, Any]) -> Any:
         return np.where(np.isin(theta[source.what], ids), 0.0, 1.0)
 
     about = "Its number, whose order means nothing."
@@ -58,7 +58,7 @@ def choice_of(name: str, config: Mapping[str, Any]) -> Scenario:
     return Scenario(
         re.sub(r"\W+", "-", file.stem).strip("-") or "runs",
         f"Choose among {file.name}",
-        KnobSpace([knob], [Constraint(f"{source.what}s to choose from", allowed, vectorized=True)]),
+        KnobSpace([knob], [Constraint(f"{source.what}s to choose from", violation, vectorized=True)]),
         source,
         kpis=tuple(source.kpis()),
         settings=source.settings,

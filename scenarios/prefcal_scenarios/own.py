@@ -64,7 +64,7 @@ def fingerprint(source: str) -> str:
         text = value if isinstance(value, str) else json.dumps(value, sort_keys=True)
         path, rest = file_in(text)
         digest.update(f"{key}\0{rest}\0".encode())
-        for file in [] if path is None else [path, *_further(path)]:
+        for file in [] if path is None else _described_by(path):
             digest.update(file.read_bytes())
     return digest.hexdigest()[:16]
 
@@ -78,23 +78,36 @@ def file_in(text: str) -> tuple[Path | None, str]:
     return None, text
 
 
-def _named_in(path: Path, *above: Path) -> list[Path]:
-    """Return the files that a TOML file names, or the modules beside a Python file; and what they name."""
+def _described_by(path: Path) -> list[Path]:
+    """Return a file and those that it names, and so on, each once: modules may import each other."""
+    found = {path: None}
+    waiting = [path]
+    while waiting:
+        new = [file for file in _named_in(waiting.pop(), path.parent) if file not in found]
+        found |= dict.fromkeys(new)
+        waiting += new
+    return [*found]
+
+
+def _named_in(path: Path, top: Path) -> list[Path]:
+    """Return the files that a TOML file names, or the modules that a Python file imports.
+
+    Modules are looked for beside the file, and in the folder `top` of the scenario.
+    """
+    if path.suffix not in (".py", ".toml"):
+        return []
     text = path.read_text(encoding="utf-8", errors="replace")
     if path.suffix == ".toml":
         endings = "|".join(map(re.escape, (".py", *ENDINGS)))
-        places = [path.parent / word for word in re.findall(rf"[\w./-]+(?:{endings})\b", text)]
+        words = re.findall(rf"[\w./-]+(?:{endings})\b", text)
     else:
-        names = [
-            name.replace(".", "/") for line in _IMPORT.findall(text) for name in re.findall(r"[\w.]+", line)
+        names = [re.findall(r"\w[\w.]*", line) for line in _IMPORT.findall(text)]
+        paths = [
+            name.replace(".", "/") for line in names for name in (*line, *(f"{line[0]}/{n}" for n in line))
         ]
-        places = [path.parent / place for name in names for place in (f"{name}.py", f"{name}/__init__.py")]
-    found = [file for file in dict.fromkeys(places) if file.is_file() and file not in (path, *above)]
-    return [each for file in found for each in (file, *_further(file, path, *above))]
-
-
-def _further(file: Path, *above: Path) -> list[Path]:
-    return _named_in(file, *above) if file.suffix in (".py", ".toml") else []
+        words = [f"{name}{ending}" for name in paths for ending in (".py", "/__init__.py")]
+    places = dict.fromkeys(folder / word for word in words for folder in (path.parent, top))
+    return [place for place in places if place.is_file()]
 
 
 def fingerprint_of_code() -> str:

@@ -175,9 +175,14 @@ def record_of(
 
 def _fingerprint(options: Options, state: State) -> str:
     """Return the fingerprint of the scenario, as it was at the start if that is known."""
+    then, now = _fingerprints(options, state)
+    return then if then == now else f"{then}; its files have changed since, now {now}"
+
+
+def _fingerprints(options: Options, state: State) -> tuple[str, str]:
+    """Return the fingerprint of the scenario at the start, or now if that is not known, and now."""
     now = fingerprint(options.scenario)
-    then = state.configuration.get("fingerprint", now)
-    return str(then) if then == now else f"{then}; its files have changed since, now {now}"
+    return str(state.configuration.get("fingerprint", now)), now
 
 
 def references(scenario: Scenario, seed: int, say: Callable[[str], None]) -> dict[str, Experiment]:
@@ -395,7 +400,8 @@ class Calibration:
             if not options.by_a_person:  # no program can repeat a person's answers
                 console.print(f"Repeat it: {options.command()}", soft_wrap=True, markup=False)
         if report is not None and record.partial:
-            self.say(f"This is a partial report: {len(record.trials)} of {record.n_max} experiments.")
+            done = f"{len(record.comparisons)} of {record.n_max} experiments are compared"
+            self.say(f"This is a partial report: {done}.")
 
     @property
     def _simulated(self) -> int | None:
@@ -605,7 +611,8 @@ def _introduce(work: Calibration) -> None:
     if folder.name != default.name and work.options.out is None:
         work.say(f"{default} holds another study's report: this one goes to {folder}.")
     state, source = opened.file.state, work.options.scenario
-    if opened.resumed and state.finished and "changed" in _fingerprint(work.options, state):
+    then, now = _fingerprints(work.options, state)
+    if opened.resumed and state.finished and then != now:
         work.say(
             f"The files of {source} have changed since this study began: its {len(state.finished)} "
             "experiments ran with the old ones, and are compared with new ones. If that matters, begin anew "

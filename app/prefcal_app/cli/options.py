@@ -334,7 +334,7 @@ class VerifyOptions:
     runs: int = option(299, "N")
     range: tuple[str, ...] = option((), "NAME=CHANGE")
     jobs: int | None = option(None, "N", shown="all cores")
-    run_timeout: float | None = option(None, "SECONDS", shown="none")
+    run_timeout: float | None = option(None, "SECONDS", shown="3600, an hour")
 
 
 @dataclass(frozen=True, slots=True)

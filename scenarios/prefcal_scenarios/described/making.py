@@ -292,7 +292,8 @@ def _kpi(
 ) -> KPI:
     """Return a KPI that is known by its name, or has a formula; lower is better unless it says more."""
     plain = {"at_most": value} if isinstance(value, float | int) else {"formula": value}
-    given = stated(value if isinstance(value, Mapping) else plain, f"{where}, [kpis] {name!r}", KPI)
+    table = value if isinstance(value, Mapping) else plain
+    given = stated(table, f"{where}, [kpis] {name!r}", KPI, known=("name", "of"))
     if name not in known and "formula" not in given:
         raise ScenarioError(
             f"{where}, [kpis]: there is no KPI {name!r}.{did_you_mean(name, known)} "

@@ -348,10 +348,8 @@ class Verified:
 
     def write(self, folder: str | Path) -> None:
         """Write the file, durably. Raises ScenarioError, which says the result, if that is not possible."""
-        text, path = (
-            json.dumps(to_plain(self), indent=2, ensure_ascii=False, allow_nan=False),
-            Path(folder) / FILE,
-        )
+        text = json.dumps(to_plain(self), indent=2, ensure_ascii=False, allow_nan=False)
+        path = Path(folder) / FILE
         try:
             write_durably(path, f"{text}\n".encode())
         except OSError as error:

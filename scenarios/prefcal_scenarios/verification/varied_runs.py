@@ -360,7 +360,7 @@ def _done(
     except KeyboardInterrupt:
         waited = clock() - since
         usual = max(waits[1:] or waits, default=np.inf)  # other processes start before the first one
-        if waited > max(_HANGS * usual, 1.0):
+        if len(done) < len(numbers) and waited > max(_HANGS * usual, 1.0):
             words = f"it had not ended after {waited:.0f} s, when the runs were stopped"
             done.append(FailedRun(numbers[len(done)], "late", words))
     return done

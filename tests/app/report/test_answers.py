@@ -42,6 +42,13 @@ def test_who_answered_what_and_why_the_result_is_the_result():
     assert found["Why this one"] == "The answers fit these wishes: calmness."
 
 
+def test_an_experiment_that_waits_for_its_answer_is_not_counted_as_compared():
+    left = toy_record(stop_after=7)
+    waits = replace(left, waiting={7: toy_record().trials[7].experiment})
+    assert len(waits.trials) == waits.n_max == 8
+    assert "The study was stopped after 7 of 8 experiments." in page(waits, [])
+
+
 def test_a_study_that_ends_by_itself_or_by_a_good_best_is_no_partial_one():
     left = toy_record(stop_after=4)
     assert "the study is not complete" in dict(answers(left))["Who answered"]

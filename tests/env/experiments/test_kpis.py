@@ -261,6 +261,13 @@ def test_a_formula_in_another_kind_of_unit_is_refused(text, unit, says):
     assert problem.startswith("formula of KPI 'k': it ")
 
 
+@pytest.mark.parametrize(
+    "text", ["max(level) ** 999999999", "2 ** 999999999 + max(level)", 30 * "(" + "max(level)" + 30 * "**4)"]
+)
+def test_to_follow_the_unit_of_a_formula_takes_neither_time_nor_memory(text):
+    assert conversion_of(text, "m", OF_UNITS, ()).to(1.0) == 1.0
+
+
 def test_the_value_of_a_formula_is_in_the_unit_of_its_kpi():
     run = replace(RUN, channels=replace(RUN.channels, time_unit="min"))
     assert Formulas((("late", "last(time)", "s"),))(run)["late"] == 60 * value("last(time)")

@@ -146,6 +146,7 @@ def test_options_add_to_a_file_and_replace_what_it_says(written):
     [
         ("knob = 1", "there is no key 'knob'. Did you mean 'knobs'?"),
         ("fmu = 3", "fmu: expected a text, got 3"),
+        (KNOB + "\n[kpis]\np = { formula = 'max(a)', of = 'q' }", "there is no key 'of'"),
         ("x = abc", "is not TOML"),
         ("title = 'x'", r"expected one of fmu = .*, got none"),
         ("fmu = 'a.fmu'\ncontroller = 'pid'", "got fmu and controller"),

@@ -143,6 +143,26 @@ def test_a_run_that_hangs_when_all_are_stopped_is_one_that_does_not_keep_the_lim
         assert "6 of 7 runs keep" in found.statement
 
 
+def test_ctrl_c_after_the_last_run_adds_none():
+    left, interrupted = None, False
+
+    def seen(arrived, total):
+        nonlocal left
+        left = total - arrived
+
+    def clock():
+        nonlocal interrupted
+        if left == 0 and not interrupted:
+            interrupted = True
+            raise KeyboardInterrupt
+        return 1e6 * interrupted
+
+    found = verify("lag", LAG, 2, jobs=1, progress=seen, clock=clock)
+    assert interrupted
+    assert found.share == 1
+    assert len(found.runs) == 2
+
+
 def test_the_current_tuning_meets_the_same_plants():
     start = LAG * [0.5, 1, 1, 1, 1, 1]
     found = verify("lag", LAG, 8, start=start, jobs=1)
