@@ -400,8 +400,7 @@ class Calibration:
             if not options.by_a_person:  # no program can repeat a person's answers
                 console.print(f"Repeat it: {options.command()}", soft_wrap=True, markup=False)
         if report is not None and record.partial:
-            done = f"{len(record.comparisons)} of {record.n_max} experiments are compared"
-            self.say(f"This is a partial report: {done}.")
+            self.say(f"This is a partial report: {record.reached}.")
 
     @property
     def _simulated(self) -> int | None:

@@ -315,6 +315,14 @@ class StudyRecord:
         return self.stopped and self.ended != GOOD_ENOUGH
 
     @property
+    def reached(self) -> str:
+        """Return how many experiments ran, and how many of them wait for their answer, in words."""
+        compared = {c.query.challenger.index for c in self.comparisons}
+        waiting = sum(trial.index not in compared for trial in self.trials)
+        left = f", {'one' if waiting == 1 else waiting} of them not compared" if waiting else ""
+        return f"{len(self.trials)} of {self.n_max} experiments{left}"
+
+    @property
     def is_shorter(self) -> bool:
         """Return whether fewer experiments were compared than planned at most."""
         return len(self.comparisons) < self.n_max

@@ -42,11 +42,12 @@ def test_who_answered_what_and_why_the_result_is_the_result():
     assert found["Why this one"] == "The answers fit these wishes: calmness."
 
 
-def test_an_experiment_that_waits_for_its_answer_is_not_counted_as_compared():
+def test_a_partial_report_says_that_an_experiment_waits_for_its_answer():
     left = toy_record(stop_after=7)
     waits = replace(left, waiting={7: toy_record().trials[7].experiment})
     assert len(waits.trials) == waits.n_max == 8
-    assert "The study was stopped after 7 of 8 experiments." in page(waits, [])
+    assert "The study was stopped after 8 of 8 experiments, one of them not compared." in page(waits, [])
+    assert "The study was stopped after 7 of 8 experiments." in page(left, [])
 
 
 def test_a_study_that_ends_by_itself_or_by_a_good_best_is_no_partial_one():
