@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from .controllers.lqr import LQG as LQG
     from .controllers.lqr import LQR as LQR
     from .controllers.pid import PID as PID
-    from .controllers.pid import Decentralized as Decentralized
     from .envs import LTILoop as LTILoop
     from .envs import PlantEnv as PlantEnv
     from .envs import Task as Task

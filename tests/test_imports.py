@@ -49,7 +49,7 @@ LAYERS = {
     "prefcal_agents": (
         {"lessons", "surrogate"},
         {"people", "search"},
-        {"agent", "learned_cost", "result"},
+        {"agent", "learned_cost", "result", "taste"},
         {"glisp"},
         {"screening"},
         {"baselines", "minimize", "registry", "transfer"},

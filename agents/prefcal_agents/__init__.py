@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from .minimize import minimize_by_preference as minimize_by_preference
     from .registry import restore as restore
     from .screening.agent import Screening as Screening
+    from .taste import Taste as Taste
 
 
 def __getattr__(name: str) -> Any:

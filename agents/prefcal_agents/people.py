@@ -115,13 +115,10 @@ _STEPS = (-2.5, -0.3)
 order, in its range over random θ."""
 _NOTICED = (-3.5, -0.8)  # the same of a trade-off, whose cost lies between 0 and 1
 _RESPECTED = 0.97  # share of draws in which stated limits come first
-ERRORS = ((0.02, 0.7), (0.1, 0.2), (0.25, 0.1))
-"""Rates of wrong answers, and how probable each is."""
 _LEVELS, _MOST = 512, 5
 """Number of levels of a KPI in an order, and of KPIs in it: sums of them are exact integers."""
 _FIRST, _BEYOND = 2.0**20, 255
 """Weight of a step beyond a stated limit in a trade-off, and the most steps that count."""
-_SHARP = 3.0  # how fast noticing becomes certain, in inverse just noticeable differences
 _FAR, _ROUNDED = 1e9, 1e-9  # largest number of steps, and what rounding may add to a value at its limit
 _HUGE = 1e100
 _FLOOR = 0.002  # distances below this share of the median distance count as zero
@@ -198,6 +195,35 @@ def _bounded(kpis: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "m k"]:
     return np.asarray(np.where(np.isposinf(kpis), np.inf, np.clip(kpis, -_HUGE, _HUGE)))
 
 
+class Noise(NamedTuple):
+    """How answers differ from what a person wants, before any answer is known.
+
+    Args:
+        errors: Rates of answers that the KPIs do not explain.
+        odds: How probable each of them is.
+        sharpness: How fast noticing becomes certain, in inverse just noticeable differences, each as
+            probable.
+    """
+
+    errors: tuple[float, ...]
+    odds: tuple[float, ...]
+    sharpness: tuple[float, ...]
+
+    def sharpnesses(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+        """Return draws of the sharpness; a single one takes no random numbers."""
+        if len(self.sharpness) == 1:
+            return np.full(count, self.sharpness[0])
+        return rng.choice(self.sharpness, count)
+
+
+REAL = Noise((0.02, 0.1, 0.3, 0.6), (0.25, 0.25, 0.25, 0.25), (3.0, 1.0, 0.3))
+"""Real people: some follow their KPIs, others hardly do. Draws that all but exclude the latter believe
+themselves too much (docs/research/people.md)."""
+SURE = Noise((0.02, 0.1, 0.25), (0.7, 0.2, 0.1), (3.0,))
+"""People who follow their KPIs: for agents that compare with θ and leave KPIs that mislead, which takes
+longer if an answer may as well be a whim."""
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Utilities:
     """Draws of what a person may want: s costs of k KPIs.
@@ -213,7 +239,8 @@ class Utilities:
         spreads: Standard deviation of the logarithm of the weights, shape (s,).
         noticed: Just noticeable difference of the total, shape (s,).
         ordered: Number of KPIs in the order; 0 for a trade-off, shape (s,).
-        errors: Rate of wrong answers, shape (s,).
+        errors: Rate of answers that KPIs do not explain, shape (s,).
+        sharpness: How fast noticing becomes certain, in inverse just noticeable differences, shape (s,).
     """
 
     scales: Float[np.ndarray, "s k"]
@@ -225,10 +252,16 @@ class Utilities:
     noticed: Float[np.ndarray, " s"]
     ordered: Int[np.ndarray, " s"]
     errors: Float[np.ndarray, " s"]
+    sharpness: Float[np.ndarray, " s"]
 
     @classmethod
     def drawn(
-        cls, scale: Scale, count: int, rng: np.random.Generator, ordered: Bool[np.ndarray, " s"] | None = None
+        cls,
+        scale: Scale,
+        count: int,
+        rng: np.random.Generator,
+        ordered: Bool[np.ndarray, " s"] | None = None,
+        noise: Noise = REAL,
     ) -> "Utilities":
         """Return `count` draws before any answer is known.
 
@@ -240,7 +273,6 @@ class Utilities:
         scales = scale.at(share)
         ordered = np.arange(count) < count // 2 if ordered is None else ordered
         free = ordered[:, None] & (rng.random(shape) < _UNLIMITED)
-        rates, odds = zip(*ERRORS, strict=True)
         return cls(
             np.where(free, -np.inf, scales),
             2.0 ** rng.uniform(*_EXPONENTS, shape),
@@ -250,7 +282,8 @@ class Utilities:
             rng.choice(_SPREADS, count),
             10.0 ** rng.uniform(*_NOTICED, count),
             ordered * rng.integers(1, max(min(shape[1], _MOST), 1) + 1, count),
-            rng.choice(rates, count, p=odds),
+            rng.choice(noise.errors, count, p=noise.odds),
+            noise.sharpnesses(count, rng),
         )
 
     def __len__(self) -> int:
@@ -362,17 +395,25 @@ class Utilities:
             tie: Whether the answer is that they are alike, shape (a,).
         """
         gain = self.gains(levels, better, worse).sum(axis=0)
-        won, lost = noticed(gain), noticed(-gain)
+        won, lost = self.notices(gain), self.notices(-gain)
         explained = np.where(tie, 1.0 - won - lost, won)
         # A mistake is any of the three answers, so that no single one can rule out a draw.
         error = self.errors[:, None]
         return np.asarray(np.log((1.0 - error) * explained + error / 3.0))
+
+    def notices(self, gain: Float[np.ndarray, "s a"]) -> Float[np.ndarray, "s a"]:
+        """Return how probably each draw notices a difference of costs, shape (s, a)."""
+        return np.asarray(ndtr(self.sharpness[:, None] * (gain - 1.0)))
 
     @property
     def parts(self) -> Iterable[int]:
         """Return what a cost is the sum of, by number: each KPI, and each stated limit."""
         stated = np.isfinite(self.limits).any(axis=0)
         return (*range(len(stated)), *(len(stated) + np.flatnonzero(stated)).tolist())
+
+    def some(self, count: int) -> "Utilities":
+        """Return every n-th draw, `count` of them if that divides their number."""
+        return self.take(np.arange(0, len(self), len(self) // count))
 
     def take(self, rows: Int[np.ndarray, " r"]) -> "Utilities":
         """Return the draws in `rows`, shape (r,)."""
@@ -401,16 +442,11 @@ class Utilities:
         weight, shape = (kpi & (what != 1)) | (part == k), kpi & (what != 0)
         masks = {"scales": shape, "exponents": shape, "steps": shape}
         common = (part == k + 1)[:, 0]
-        masks |= dict.fromkeys(("spreads", "noticed", "ordered", "errors"), common)
+        masks |= dict.fromkeys(("spreads", "noticed", "ordered", "errors", "sharpness"), common)
         taken = {
             name: np.where(mask, getattr(other, name), getattr(self, name)) for name, mask in masks.items()
         }
         return replace(self, normals=np.where(weight, step, self.normals), **taken)
-
-
-def noticed(gain: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
-    """Return how probably a difference of costs is noticed."""
-    return np.asarray(ndtr(_SHARP * (gain - 1.0)))
 
 
 # --- Learn from answers: draw costs by how well they explain them, and ask whether they do.
@@ -472,6 +508,11 @@ class Lessons:
     def __len__(self) -> int:
         return len(self.tie)
 
+    def first(self, count: int) -> "Lessons":
+        """Return the first `count` answers, about the same experiments."""
+        better, worse, tie, strength = (x[:count] for x in (self.better, self.worse, self.tie, self.strength))
+        return Lessons(self.logs, better, worse, tie, strength)
+
     def log_likelihood(self, utilities: Utilities) -> Float[np.ndarray, " s"]:
         """Return the logarithm of the probability of all answers by each draw, shape (s,)."""
         return np.asarray(self.log_probabilities(utilities) @ self.strength)
@@ -482,7 +523,7 @@ class Lessons:
 
 
 def updated(
-    before: Utilities, old: Lessons, new: Lessons, scale: Scale, rng: np.random.Generator
+    before: Utilities, old: Lessons, new: Lessons, scale: Scale, rng: np.random.Generator, noise: Noise = REAL
 ) -> Utilities:
     """Return draws given the answers `new`, from draws given the answers `old`.
 
@@ -496,17 +537,19 @@ def updated(
     places = (rng.random() + np.arange(len(before))) / len(before) * shares[-1]
     rows = np.minimum(np.searchsorted(shares, places), len(before) - 1)
     utilities = before.take(rng.permutation(rows))
-    return _moved(utilities, new, scale, rng)
+    return _moved(utilities, new, scale, rng, noise)
 
 
-def _moved(utilities: Utilities, lessons: Lessons, scale: Scale, rng: np.random.Generator) -> Utilities:
+def _moved(
+    utilities: Utilities, lessons: Lessons, scale: Scale, rng: np.random.Generator, noise: Noise
+) -> Utilities:
     """Return draws after Metropolis steps. Only what a step changes is computed again."""
     count, k = utilities.normals.shape
     levels = utilities.levels(lessons.logs)
     answers = lessons.better, lessons.worse, lessons.tie
     logs = utilities.log_answers(levels, *answers) @ lessons.strength
     for _ in range(_MOVES):
-        new = Utilities.drawn(scale, count, rng, utilities.ordered > 0)
+        new = Utilities.drawn(scale, count, rng, utilities.ordered > 0, noise)
         tried = utilities.mutated(new, rng)
         draw, kpi = np.nonzero(tried.steps != utilities.steps)
         stated = np.isfinite(tried.limits[draw, kpi])

@@ -22,7 +22,6 @@ from prefcal_agents.people import (
     clearly_apart,
     expected_best,
     explains,
-    noticed,
     now_and_next,
     overtaking,
     trend,
@@ -108,7 +107,8 @@ def chances(stage: Stage, best: int, history: History) -> Float[np.ndarray, " m"
     """
     given = [c.answer.preference is not Preference.TIE for c in history.lessons()]
     told = (sum(given) + 1) / (len(given) + 1)
-    return np.asarray(told * noticed(stage.costs[:, best, None] - stage.costs).mean(axis=0))
+    draws = stage.utilities.some(len(stage.costs))
+    return np.asarray(told * draws.notices(stage.costs[:, best, None] - stage.costs).mean(axis=0))
 
 
 # --- What can be said of a result: how many θ are noticeably better, for people unlike the draws, too.
@@ -249,8 +249,7 @@ def evidence(stage: Stage, best: int, history: History) -> Evidence:
         best: Row of the result.
         history: Samples and answers, one answer or more.
     """
-    count = len(stage.utilities)
-    draws = stage.utilities.take(np.arange(0, count, count // len(stage.costs)))
+    draws = stage.utilities.some(len(stage.costs))
     better = _better(draws, stage.logs, best) & ~stage.bank.hopeless
     chances = better.mean(axis=0)
     chances[[stage.bank.find(sample.theta) for sample in history.samples[: history.answered]]] = 0.0
@@ -294,7 +293,7 @@ def _foretold(draws: Utilities, lessons: Lessons, history: History) -> tuple[flo
     shares = np.exp(-logs - logsumexp(-logs, axis=0))
     gain = draws.gains(draws.levels(lessons.logs), lessons.better, lessons.worse).sum(axis=0)
     of_challenger = np.where(lessons.tie, gain, -gain)[:, :count]  # where it did not win
-    chance = np.sum(shares * noticed(of_challenger), axis=0)
+    chance = np.sum(shares * draws.notices(of_challenger), axis=0)
     held = -np.log1p(-np.minimum(chance[count - lost_since(history) :], _SURE)).sum()
     predicted = np.mean(np.log(len(logs)) - logsumexp(-logs, axis=0))
     return float(held), float(predicted)
@@ -320,7 +319,7 @@ class Screening(Simulating):
     `simulate`, are none.
     """
 
-    version: ClassVar[int] = 5
+    version: ClassVar[int] = 6
 
     @property
     def _growth(self) -> Growth:

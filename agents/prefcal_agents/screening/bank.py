@@ -409,7 +409,7 @@ class Growth:
         judges: int = _JUDGES,
     ) -> Stage:
         """Return the stage after `past`, given the bank as simulated."""
-        some = utilities.take(np.arange(0, len(utilities), len(utilities) // judges))
+        some = utilities.some(judges)
         logs = expected = scale(bank)
         measured = Measured.of(bank, past, self.simulations.reading)
         seen, rows = measured.on(bank), measured.rows

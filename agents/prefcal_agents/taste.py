@@ -1,0 +1,153 @@
+"""What is learned of one person from comparisons of KPIs: the door for data that no study asked for."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from prefcal_env.errors import PreferenceError
+from prefcal_env.preferences.answer import Outcome
+from prefcal_env.preferences.history import History
+
+from .people import DRAWS, Bank, Lessons, Scale, Utilities, columns_of, updated, worth
+
+KPIs = Mapping[str, float]
+"""KPIs of an experiment by name, lower is better; infinite means never, NaN or no entry unknown."""
+
+
+class Chances(NamedTuple):
+    """How probably a person gives each answer about two experiments; in all 1.
+
+    Args:
+        better: That the first one is better.
+        same: That they are about the same.
+        worse: That the second one is better.
+    """
+
+    better: float
+    same: float
+    worse: float
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Taste:
+    """What a person wants from KPIs, as far as their answers tell.
+
+    `Taste.learn` and `Taste.of` make one. It is what `Screening` learns of a person; how often its
+    probabilities come true with real people is in docs/research/people.md.
+
+    Args:
+        scale: How KPIs are measured.
+        utilities: Draws of what the person wants, given the answers.
+    """
+
+    scale: Scale
+    utilities: Utilities
+
+    @classmethod
+    def learn(
+        cls,
+        answers: Sequence[int],
+        kpis: Sequence[tuple[KPIs, KPIs]],
+        seed: int = 0,
+        *,
+        usual: Sequence[KPIs] = (),
+    ) -> "Taste":
+        """Learn from m answers.
+
+        Args:
+            answers: What the person said of each pair, length m: -1 if the first one is better, 0 if
+                they are about the same, 1 if the second one is.
+            kpis: KPIs of the two experiments of each pair, length m.
+            seed: Seed of all randomness.
+            usual: KPIs of further experiments, which tell together with the others which values are
+                usual. A KPI that is always the same tells nothing.
+
+        Raises:
+            PreferenceError: If the lengths differ, an answer is none of the three, a KPI is no number,
+                or no experiment is given.
+        """
+        said = _checked(answers, kpis)
+        table = [*(a for a, _ in kpis), *(b for _, b in kpis), *usual]
+        if not table:
+            raise PreferenceError("a taste needs the KPIs of experiments: give answers, or usual ones")
+        bank = _bank(table)
+        scale = Scale.of(bank, np.arange(len(bank)))
+        first, second = np.arange(len(said)), len(said) + np.arange(len(said))
+        better, worse = np.where(said > 0, second, first), np.where(said > 0, first, second)
+        known = Lessons(scale(bank), better, worse, said == 0, np.ones(len(said)))
+        rng = np.random.default_rng(seed)
+        utilities = Utilities.drawn(scale, DRAWS, rng)
+        for count in range(1, len(said) + 1):
+            utilities = updated(utilities, known.first(count - 1), known.first(count), scale, rng)
+        return cls(scale, utilities)
+
+    @classmethod
+    def of(cls, history: History, seed: int = 0) -> "Taste":
+        """Learn from the answers of a study that came with the KPIs of both experiments.
+
+        Answers that are retracted, abstentions, and those about runs whose KPIs are not known teach
+        nothing.
+
+        Raises:
+            PreferenceError: If no answer is left.
+        """
+        said, kpis = [], []
+        for lesson in history.lessons():
+            challenger, incumbent = lesson.answer.outcomes or (None, None)
+            if challenger and incumbent:
+                said.append(int(lesson.answer.preference or 0))
+                kpis.append((challenger, incumbent))
+        return cls.learn(said, kpis, seed)
+
+    def predict(self, a: KPIs, b: KPIs) -> Chances:
+        """Predict the answer to "which is better, a or b?".
+
+        Raises:
+            PreferenceError: If a KPI is no number, or one that was learned is missing in both.
+        """
+        levels, one = self.utilities.levels(self._logs([a, b])), np.array([0, 1, 0])
+        tie = np.array([False, False, True])
+        logs = self.utilities.log_answers(levels, one, 1 - one, tie)
+        better, worse, same = (np.exp(logs).mean(axis=0)).tolist()
+        return Chances(better, same, worse)
+
+    def rank(self, table: Sequence[KPIs]) -> tuple[int, ...]:
+        """Rank experiments: return their numbers in `table`, the most promising one first.
+
+        Raises:
+            PreferenceError: If a KPI is no number, or one that was learned is missing in all.
+        """
+        if not table:
+            return ()
+        value = worth(self.utilities.costs(self._logs(table))).mean(axis=0)
+        return tuple(np.argsort(-value, kind="stable").tolist())
+
+    def _logs(self, table: Sequence[KPIs]) -> Float[np.ndarray, "m k"]:
+        bank = _bank(table)
+        lacking = sorted(set(self.scale.names) - set(bank.names))
+        if lacking:
+            raise PreferenceError(
+                f"this taste is about {list(self.scale.names)}, but {lacking} are not given"
+            )
+        return self.scale(bank)
+
+
+def _checked(answers: Sequence[int], kpis: Sequence[tuple[KPIs, KPIs]]) -> Int[np.ndarray, " m"]:
+    """Return the answers; raise PreferenceError if they are not about as many pairs of experiments."""
+    if len(answers) != len(kpis):
+        raise PreferenceError(f"each answer needs a pair of KPIs: {len(answers)} answers, {len(kpis)} pairs")
+    for answer, pair in zip(answers, kpis, strict=True):
+        if answer not in (-1, 0, 1):
+            raise PreferenceError(f"an answer must be -1, 0 or 1, got {answer!r}")
+        if isinstance(pair, Mapping) or len(pair) != 2:
+            raise PreferenceError(f"a pair of KPIs must be two experiments, got {pair!r}")
+    return np.array([int(answer) for answer in answers], dtype=np.int64)
+
+
+def _bank(table: Sequence[KPIs]) -> Bank:
+    """Return experiments as a bank; they have no θ, so each has its number for one."""
+    number = np.arange(len(table), dtype=float)[:, None]
+    return Bank.of(number, number, columns_of([Outcome(kpis) for kpis in table]))

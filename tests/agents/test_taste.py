@@ -1,0 +1,135 @@
+"""What is learned of a person from comparisons of KPIs, without a study."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from contracts.proposals import MIXED
+from prefcal_agents import Screening, Taste
+from prefcal_env.errors import PreferenceError
+from prefcal_env.preferences.answer import Answer
+from support.agents import quick
+
+RNG = np.random.default_rng(0)
+TABLE = [{"a": float(a), "b": float(b)} for a, b in RNG.uniform(1.0, 10.0, (40, 2))]
+
+
+def wanted(kpis):
+    """The cost of somebody who looks at "a" only."""
+    return kpis["a"]
+
+
+def pairs(count, seed=0):
+    """Pairs of experiments."""
+    rows = np.random.default_rng(seed).integers(0, len(TABLE), (count, 2))
+    return [(TABLE[i], TABLE[j]) for i, j in rows if i != j]
+
+
+def said(asked):
+    return [int(np.sign(wanted(a) - wanted(b))) for a, b in asked]
+
+
+@pytest.fixture(scope="module")
+def taste():
+    asked = pairs(12)
+    return Taste.learn(said(asked), asked, usual=TABLE)
+
+
+def test_answers_to_come_are_predicted(taste):
+    asked = pairs(60, seed=1)
+    found = [taste.predict(a, b) for a, b in asked]
+    right = [np.sign(p.worse - p.better) == s for p, s in zip(found, said(asked), strict=True)]
+    assert np.mean(right) > 0.85
+    assert all(sum(p) == pytest.approx(1.0) for p in found)
+
+
+def test_the_other_way_round_is_the_other_way_round(taste):
+    a, b = TABLE[:2]
+    one, other = taste.predict(a, b), taste.predict(b, a)
+    assert (one.better, one.same, one.worse) == pytest.approx((other.worse, other.same, other.better))
+
+
+def test_two_equal_experiments_are_most_likely_called_the_same(taste):
+    found = taste.predict(TABLE[0], TABLE[0])
+    assert found.same > found.better == found.worse
+
+
+def test_a_table_is_ranked_as_the_person_would(taste):
+    order = taste.rank(TABLE)
+    assert sorted(order) == list(range(len(TABLE)))
+    costs = np.array([wanted(TABLE[row]) for row in order])
+    assert np.corrcoef(costs, np.arange(len(costs)))[0, 1] > 0.8
+    assert taste.rank([]) == ()
+
+
+def test_without_an_answer_the_better_one_in_all_kpis_is_expected_to_win():
+    before = Taste.learn([], [], usual=TABLE)
+    found = before.predict({"a": 1.0, "b": 1.0}, {"a": 9.0, "b": 9.0})
+    assert found.better > 0.6 > 3 * found.worse
+
+
+def test_whose_answers_follow_from_nothing_gets_no_sure_predictions():
+    asked = pairs(30, seed=2)
+    whims = np.random.default_rng(5).choice([-1, 1], len(asked)).tolist()
+    steady, fickle = (Taste.learn(answers, asked, usual=TABLE) for answers in (said(asked), whims))
+    far = {"a": 1.0, "b": 9.0}, {"a": 9.0, "b": 1.0}
+    assert max(steady.predict(*far)) > 0.9
+    assert max(fickle.predict(*far)) < 0.85
+
+
+def test_the_same_seed_gives_the_same_taste():
+    asked = pairs(5)
+    one, same, other = (Taste.learn(said(asked), asked, seed) for seed in (3, 3, 4))
+    assert one.predict(*TABLE[:2]) == same.predict(*TABLE[:2]) != other.predict(*TABLE[:2])
+
+
+def test_a_study_tells_the_taste_of_its_person():
+    agent = Screening(MIXED, simulate=quick, n_simulated=60, n_max=7, seed=0)
+    while not agent.done:
+        query = agent.ask()
+        old = query.incumbent
+        if old is None:
+            agent.tell(query, None)
+            continue
+        a, b = quick(query.challenger.theta), quick(old.theta)
+        agent.tell(query, Answer(int(np.sign(a["first"] - b["first"])), outcomes=(a, b)))
+    taste = Taste.of(agent.history)
+    usual = quick(agent.best)
+    poor = {**usual, "first": 10 * usual["first"] + 1.0}
+    assert taste.predict(usual, poor).better > 0.7
+
+
+@pytest.mark.parametrize(
+    ("answers", "kpis", "message"),
+    [
+        ([1], [], "each answer needs a pair of KPIs: 1 answers, 0 pairs"),
+        ([2], [(TABLE[0], TABLE[1])], "an answer must be -1, 0 or 1, got 2"),
+        ([None], [(TABLE[0], TABLE[1])], "an answer must be -1, 0 or 1"),
+        ([1], [({"a": "x"}, {"a": 1.0})], "a KPI must be a name and a number"),
+        ([1], [TABLE[0]], "a pair of KPIs must be two experiments"),
+        ([], [], "a taste needs the KPIs of experiments"),
+    ],
+)
+def test_what_is_no_answer_is_refused(answers, kpis, message):
+    with pytest.raises(PreferenceError, match=message):
+        Taste.learn(answers, kpis)
+
+
+def test_a_kpi_that_is_not_given_is_named(taste):
+    with pytest.raises(PreferenceError, match=r"about \['a', 'b'\], but \['b'\] are not given"):
+        taste.predict({"a": 1.0}, {"a": 2.0})
+
+
+VALUES = st.floats(width=64)
+KPIS = st.dictionaries(st.sampled_from("ab"), VALUES, max_size=2)
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.lists(st.tuples(st.sampled_from([-1, 0, 1]), st.tuples(KPIS, KPIS)), min_size=1, max_size=3))
+def test_no_values_break_it(given_answers):
+    answers, kpis = zip(*given_answers, strict=True)
+    taste = Taste.learn(answers, kpis)
+    both = [side for pair in kpis for side in pair]
+    if set().union(*both) >= set(taste.scale.names):
+        assert sorted(taste.rank(both)) == list(range(len(both)))
