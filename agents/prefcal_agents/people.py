@@ -119,6 +119,7 @@ _LEVELS, _MOST = 512, 5
 """Number of levels of a KPI in an order, and of KPIs in it: sums of them are exact integers."""
 _FIRST, _BEYOND = 2.0**20, 255
 """Weight of a step beyond a stated limit in a trade-off, and the most steps that count."""
+_SHARP = 3.0  # how fast noticing becomes certain, in inverse just noticeable differences
 _FAR, _ROUNDED = 1e9, 1e-9  # largest number of steps, and what rounding may add to a value at its limit
 _HUGE = 1e100
 _FLOOR = 0.002  # distances below this share of the median distance count as zero
@@ -179,8 +180,11 @@ class Scale:
         """
         columns = [bank.names.index(name) for name in self.names]
         kpis = bank.kpis if rows is None else bank.kpis[list(rows)]
-        distances = _bounded(kpis[:, columns]) - self.good
-        return np.asarray(np.log(np.maximum(distances, self.floor)))
+        return self.logs(kpis[:, columns])
+
+    def logs(self, kpis: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "m k"]:
+        """Return the log distances of KPIs in the order of `names`, shape (m, k)."""
+        return np.asarray(np.log(np.maximum(_bounded(kpis) - self.good, self.floor)))
 
     def at(self, share: Float[np.ndarray, "s k"]) -> Float[np.ndarray, "s k"]:
         """Return the log distance that a share of random θ, below 1, does not exceed, (s, k)."""
@@ -195,33 +199,14 @@ def _bounded(kpis: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "m k"]:
     return np.asarray(np.where(np.isposinf(kpis), np.inf, np.clip(kpis, -_HUGE, _HUGE)))
 
 
-class Noise(NamedTuple):
-    """How answers differ from what a person wants, before any answer is known.
-
-    Args:
-        errors: Rates of answers that the KPIs do not explain.
-        odds: How probable each of them is.
-        sharpness: How fast noticing becomes certain, in inverse just noticeable differences, each as
-            probable.
-    """
-
-    errors: tuple[float, ...]
-    odds: tuple[float, ...]
-    sharpness: tuple[float, ...]
-
-    def sharpnesses(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
-        """Return draws of the sharpness; a single one takes no random numbers."""
-        if len(self.sharpness) == 1:
-            return np.full(count, self.sharpness[0])
-        return rng.choice(self.sharpness, count)
-
-
-REAL = Noise((0.02, 0.1, 0.3, 0.6), (0.25, 0.25, 0.25, 0.25), (3.0, 1.0, 0.3))
+Mistakes = tuple[tuple[float, float], ...]
+"""Rates of answers that do not follow from the KPIs, and how probable each is before any answer is known."""
+REAL: Mistakes = ((0.02, 0.25), (0.1, 0.25), (0.3, 0.25), (0.6, 0.25))
 """Real people: some follow their KPIs, others hardly do. Draws that all but exclude the latter believe
 themselves too much (docs/research/people.md)."""
-SURE = Noise((0.02, 0.1, 0.25), (0.7, 0.2, 0.1), (3.0,))
-"""People who follow their KPIs: for agents that compare with θ and leave KPIs that mislead, which takes
-longer if an answer may as well be a whim."""
+SURE: Mistakes = ((0.02, 0.7), (0.1, 0.2), (0.25, 0.1))
+"""People who follow their KPIs: for an agent that compares them with θ, and leaves KPIs that mislead later
+if an answer may as well be a whim."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -239,8 +224,7 @@ class Utilities:
         spreads: Standard deviation of the logarithm of the weights, shape (s,).
         noticed: Just noticeable difference of the total, shape (s,).
         ordered: Number of KPIs in the order; 0 for a trade-off, shape (s,).
-        errors: Rate of answers that KPIs do not explain, shape (s,).
-        sharpness: How fast noticing becomes certain, in inverse just noticeable differences, shape (s,).
+        errors: Rate of answers that do not follow from the KPIs, shape (s,).
     """
 
     scales: Float[np.ndarray, "s k"]
@@ -252,7 +236,6 @@ class Utilities:
     noticed: Float[np.ndarray, " s"]
     ordered: Int[np.ndarray, " s"]
     errors: Float[np.ndarray, " s"]
-    sharpness: Float[np.ndarray, " s"]
 
     @classmethod
     def drawn(
@@ -261,7 +244,7 @@ class Utilities:
         count: int,
         rng: np.random.Generator,
         ordered: Bool[np.ndarray, " s"] | None = None,
-        noise: Noise = REAL,
+        mistakes: Mistakes = REAL,
     ) -> "Utilities":
         """Return `count` draws before any answer is known.
 
@@ -272,6 +255,7 @@ class Utilities:
         share = np.where(rng.random(shape) < 0.5, deep, rng.uniform(0.0, _LARGEST, shape))
         scales = scale.at(share)
         ordered = np.arange(count) < count // 2 if ordered is None else ordered
+        rates, odds = zip(*mistakes, strict=True)
         free = ordered[:, None] & (rng.random(shape) < _UNLIMITED)
         return cls(
             np.where(free, -np.inf, scales),
@@ -282,8 +266,7 @@ class Utilities:
             rng.choice(_SPREADS, count),
             10.0 ** rng.uniform(*_NOTICED, count),
             ordered * rng.integers(1, max(min(shape[1], _MOST), 1) + 1, count),
-            rng.choice(noise.errors, count, p=noise.odds),
-            noise.sharpnesses(count, rng),
+            rng.choice(rates, count, p=odds),
         )
 
     def __len__(self) -> int:
@@ -395,15 +378,11 @@ class Utilities:
             tie: Whether the answer is that they are alike, shape (a,).
         """
         gain = self.gains(levels, better, worse).sum(axis=0)
-        won, lost = self.notices(gain), self.notices(-gain)
+        won, lost = noticed(gain), noticed(-gain)
         explained = np.where(tie, 1.0 - won - lost, won)
         # A mistake is any of the three answers, so that no single one can rule out a draw.
         error = self.errors[:, None]
         return np.asarray(np.log((1.0 - error) * explained + error / 3.0))
-
-    def notices(self, gain: Float[np.ndarray, "s a"]) -> Float[np.ndarray, "s a"]:
-        """Return how probably each draw notices a difference of costs, shape (s, a)."""
-        return np.asarray(ndtr(self.sharpness[:, None] * (gain - 1.0)))
 
     @property
     def parts(self) -> Iterable[int]:
@@ -442,11 +421,16 @@ class Utilities:
         weight, shape = (kpi & (what != 1)) | (part == k), kpi & (what != 0)
         masks = {"scales": shape, "exponents": shape, "steps": shape}
         common = (part == k + 1)[:, 0]
-        masks |= dict.fromkeys(("spreads", "noticed", "ordered", "errors", "sharpness"), common)
+        masks |= dict.fromkeys(("spreads", "noticed", "ordered", "errors"), common)
         taken = {
             name: np.where(mask, getattr(other, name), getattr(self, name)) for name, mask in masks.items()
         }
         return replace(self, normals=np.where(weight, step, self.normals), **taken)
+
+
+def noticed(gain: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+    """Return how probably a difference of costs is noticed."""
+    return np.asarray(ndtr(_SHARP * (gain - 1.0)))
 
 
 # --- Learn from answers: draw costs by how well they explain them, and ask whether they do.
@@ -508,6 +492,18 @@ class Lessons:
     def __len__(self) -> int:
         return len(self.tie)
 
+    def joined(self, others: "Lessons") -> "Lessons":
+        """Return these answers, then `others`, which are about other experiments."""
+        if not len(others):
+            return self
+        return Lessons(
+            np.vstack([self.logs, others.logs]),
+            np.append(self.better, others.better + len(self.logs)),
+            np.append(self.worse, others.worse + len(self.logs)),
+            np.append(self.tie, others.tie),
+            np.append(self.strength, others.strength),
+        )
+
     def first(self, count: int) -> "Lessons":
         """Return the first `count` answers, about the same experiments."""
         better, worse, tie, strength = (x[:count] for x in (self.better, self.worse, self.tie, self.strength))
@@ -523,7 +519,12 @@ class Lessons:
 
 
 def updated(
-    before: Utilities, old: Lessons, new: Lessons, scale: Scale, rng: np.random.Generator, noise: Noise = REAL
+    before: Utilities,
+    old: Lessons,
+    new: Lessons,
+    scale: Scale,
+    rng: np.random.Generator,
+    mistakes: Mistakes = REAL,
 ) -> Utilities:
     """Return draws given the answers `new`, from draws given the answers `old`.
 
@@ -537,11 +538,18 @@ def updated(
     places = (rng.random() + np.arange(len(before))) / len(before) * shares[-1]
     rows = np.minimum(np.searchsorted(shares, places), len(before) - 1)
     utilities = before.take(rng.permutation(rows))
-    return _moved(utilities, new, scale, rng, noise)
+    return _moved(utilities, new, scale, rng, mistakes)
+
+
+def learned(before: Utilities, lessons: Lessons, scale: Scale, rng: np.random.Generator) -> Utilities:
+    """Return draws given all answers of `lessons`, one after the other."""
+    for count in range(len(lessons)):
+        before = updated(before, lessons.first(count), lessons.first(count + 1), scale, rng)
+    return before
 
 
 def _moved(
-    utilities: Utilities, lessons: Lessons, scale: Scale, rng: np.random.Generator, noise: Noise
+    utilities: Utilities, lessons: Lessons, scale: Scale, rng: np.random.Generator, mistakes: Mistakes
 ) -> Utilities:
     """Return draws after Metropolis steps. Only what a step changes is computed again."""
     count, k = utilities.normals.shape
@@ -549,7 +557,7 @@ def _moved(
     answers = lessons.better, lessons.worse, lessons.tie
     logs = utilities.log_answers(levels, *answers) @ lessons.strength
     for _ in range(_MOVES):
-        new = Utilities.drawn(scale, count, rng, utilities.ordered > 0, noise)
+        new = Utilities.drawn(scale, count, rng, utilities.ordered > 0, mistakes)
         tried = utilities.mutated(new, rng)
         draw, kpi = np.nonzero(tried.steps != utilities.steps)
         stated = np.isfinite(tried.limits[draw, kpi])

@@ -2,16 +2,16 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from prefcal_env.errors import PreferenceError
-from prefcal_env.preferences.answer import Outcome
+from prefcal_env.preferences.answer import Outcome, Reading
 from prefcal_env.preferences.history import History
 
-from .people import DRAWS, Bank, Lessons, Scale, Utilities, columns_of, updated, worth
+from .people import DRAWS, Bank, Lessons, Scale, Utilities, columns_of, learned, worth
 
 KPIs = Mapping[str, float]
 """KPIs of an experiment by name, lower is better; infinite means never, NaN or no entry unknown."""
@@ -29,6 +29,65 @@ class Chances(NamedTuple):
     better: float
     same: float
     worse: float
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """An answer, with the KPIs that it was about.
+
+    Args:
+        answer: -1 if the first experiment is better, 0 if both are about the same, 1 if the second is.
+        first: KPIs of one experiment.
+        second: KPIs of the other one.
+    """
+
+    answer: int
+    first: Outcome
+    second: Outcome
+
+    @classmethod
+    def all_of(cls, history: History) -> "tuple[Told, ...]":
+        """Return the answers of a record that came with the KPIs of both experiments.
+
+        Answers that are retracted, abstentions, and those about runs that were cut short are left out.
+        """
+        cut, found = history.cut_short(), []
+        for lesson in history.lessons():
+            first, second = lesson.answer.outcomes or (None, None)
+            if first and second and not cut & {lesson.challenger, lesson.incumbent}:
+                found.append(cls(int(lesson.answer.preference or 0), Outcome(first), Outcome(second)))
+        return tuple(found)
+
+    @classmethod
+    def of(cls, plain: "Told | Sequence[Any]") -> "Told":
+        """Read what `plain` returned. Raises PreferenceError for anything else."""
+        if isinstance(plain, Told):
+            return plain
+        try:
+            answer, *sides = plain
+            first, second = (Outcome.from_dict(dict(side)) for side in sides)
+            (said,) = _checked([answer], [(first, second)]).tolist()
+        except (TypeError, ValueError) as error:
+            raise PreferenceError(f"an answer that travels cannot be {plain!r}") from error
+        return cls(said, first, second)
+
+    @property
+    def plain(self) -> tuple[Any, ...]:
+        """Return plain data for JSON."""
+        return (self.answer, *(tuple(side.to_dict().items()) for side in (self.first, self.second)))
+
+
+def lessons_of(
+    told: Sequence[Told], scale: Scale, strength: float = 1.0, reading: Reading | None = None
+) -> Lessons:
+    """Return answers as arrays; a KPI that both experiments lack makes no difference."""
+    sides = [*(each.first for each in told), *(each.second for each in told)]
+    kpis = np.array([[side.get(name, np.inf) for name in scale.names] for side in sides], dtype=float)
+    kpis = kpis.reshape(len(sides), len(scale.names))
+    seen = kpis if reading is None else reading.table(scale.names, kpis)
+    said, first = np.array([each.answer for each in told], dtype=np.int64), np.arange(len(told))
+    better, worse = np.where(said > 0, [first + len(told), first], [first, first + len(told)])
+    return Lessons(scale.logs(seen), better, worse, said == 0, np.full(len(told), strength))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -70,37 +129,27 @@ class Taste:
                 or no experiment is given.
         """
         said = _checked(answers, kpis)
-        table = [*(a for a, _ in kpis), *(b for _, b in kpis), *usual]
-        if not table:
-            raise PreferenceError("a taste needs the KPIs of experiments: give answers, or usual ones")
-        bank = _bank(table)
-        scale = Scale.of(bank, np.arange(len(bank)))
-        first, second = np.arange(len(said)), len(said) + np.arange(len(said))
-        better, worse = np.where(said > 0, second, first), np.where(said > 0, first, second)
-        known = Lessons(scale(bank), better, worse, said == 0, np.ones(len(said)))
-        rng = np.random.default_rng(seed)
-        utilities = Utilities.drawn(scale, DRAWS, rng)
-        for count in range(1, len(said) + 1):
-            utilities = updated(utilities, known.first(count - 1), known.first(count), scale, rng)
-        return cls(scale, utilities)
+        told = [Told(x, Outcome(a), Outcome(b)) for x, (a, b) in zip(said.tolist(), kpis, strict=True)]
+        return cls._of(told, seed, usual)
 
     @classmethod
     def of(cls, history: History, seed: int = 0) -> "Taste":
         """Learn from the answers of a study that came with the KPIs of both experiments.
 
-        Answers that are retracted, abstentions, and those about runs whose KPIs are not known teach
-        nothing.
-
         Raises:
-            PreferenceError: If no answer is left.
+            PreferenceError: If there is none.
         """
-        said, kpis = [], []
-        for lesson in history.lessons():
-            challenger, incumbent = lesson.answer.outcomes or (None, None)
-            if challenger and incumbent:
-                said.append(int(lesson.answer.preference or 0))
-                kpis.append((challenger, incumbent))
-        return cls.learn(said, kpis, seed)
+        return cls._of(Told.all_of(history), seed)
+
+    @classmethod
+    def _of(cls, told: Sequence[Told], seed: int, usual: Sequence[KPIs] = ()) -> "Taste":
+        table = [*(each.first for each in told), *(each.second for each in told), *usual]
+        if not table:
+            raise PreferenceError("a taste needs the KPIs of experiments: give answers, or usual ones")
+        bank = _bank(table)
+        scale, rng = Scale.of(bank, np.arange(len(bank))), np.random.default_rng(seed)
+        utilities = Utilities.drawn(scale, DRAWS, rng)
+        return cls(scale, learned(utilities, lessons_of(told, scale), scale, rng))
 
     def predict(self, a: KPIs, b: KPIs) -> Chances:
         """Predict the answer to "which is better, a or b?".

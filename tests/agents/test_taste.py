@@ -1,5 +1,7 @@
 """What is learned of a person from comparisons of KPIs, without a study."""
 
+import json
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,8 +9,10 @@ from hypothesis import strategies as st
 
 from contracts.proposals import MIXED
 from prefcal_agents import Screening, Taste
+from prefcal_agents.agent import AgentState
+from prefcal_agents.taste import Told
 from prefcal_env.errors import PreferenceError
-from prefcal_env.preferences.answer import Answer
+from prefcal_env.preferences.answer import Answer, Outcome
 from support.agents import quick
 
 RNG = np.random.default_rng(0)
@@ -85,7 +89,14 @@ def test_the_same_seed_gives_the_same_taste():
 
 
 def test_a_study_tells_the_taste_of_its_person():
-    agent = Screening(MIXED, simulate=quick, n_simulated=60, n_max=7, seed=0)
+    agent = by_first(another(0))
+    taste, usual = Taste.of(agent.history), quick(agent.best)
+    poor = {**usual, "first": 10 * usual["first"] + 1.0}
+    assert taste.predict(usual, poor).better > 0.7
+
+
+def by_first(agent):
+    """Answer a whole study as somebody who looks at one KPI only."""
     while not agent.done:
         query = agent.ask()
         old = query.incumbent
@@ -94,10 +105,46 @@ def test_a_study_tells_the_taste_of_its_person():
             continue
         a, b = quick(query.challenger.theta), quick(old.theta)
         agent.tell(query, Answer(int(np.sign(a["first"] - b["first"])), outcomes=(a, b)))
-    taste = Taste.of(agent.history)
-    usual = quick(agent.best)
-    poor = {**usual, "first": 10 * usual["first"] + 1.0}
-    assert taste.predict(usual, poor).better > 0.7
+    return agent
+
+
+def another(seed, taste=()):
+    return Screening(MIXED, simulate=quick, n_simulated=60, n_max=5, seed=seed, taste=taste)
+
+
+def test_a_taste_travels_and_the_first_experiments_are_better():
+    told = Told.all_of(by_first(Screening(MIXED, simulate=quick, n_simulated=60, seed=9)).history)
+    alone, taught = (
+        [quick(another(seed, t).ask().challenger.theta)["first"] for seed in range(6)] for t in ((), told)
+    )
+    assert np.mean(taught) < 0.7 * np.mean(alone)
+
+
+def test_a_study_that_began_with_a_taste_goes_on_from_its_state_alone():
+    told = Told.all_of(by_first(another(0)).history)
+    study = by_first(another(1, told))
+    again = Screening.restore(MIXED, AgentState.from_dict(json.loads(json.dumps(study.state.to_dict()))))
+    again = again.with_simulations(quick)
+    assert again.setup.settings.taste == told
+    assert np.array_equal(again.best, study.best)
+    assert again.influences == study.influences
+    assert Screening(MIXED, simulate=quick).state.settings == (("n_simulated", 1000),)
+
+
+def test_of_a_record_only_answers_about_whole_runs_with_kpis_travel():
+    history = by_first(another(0)).history
+    told = Told.all_of(history)
+    assert len(told) == len(history.lessons()) == 4
+    assert len(Told.all_of(history.retracted(1))) == 3
+    assert Told.of(told[0].plain) == Told.of(told[0]) == told[0]
+    never = Told(0, Outcome({"a": np.inf}), Outcome({"a": 1.0}))
+    assert Told.of(json.loads(json.dumps(never.plain))) == never
+
+
+@pytest.mark.parametrize("plain", [3, (1,), (2, {"a": 1.0}, {"a": 2.0}), (1, 3, 4), (1, (("a", "x"),), ())])
+def test_what_cannot_travel_is_refused(plain):
+    with pytest.raises(PreferenceError):
+        another(0, (plain,))
 
 
 @pytest.mark.parametrize(

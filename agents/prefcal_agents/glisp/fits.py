@@ -272,7 +272,7 @@ def _first(seed: int) -> KPIFit:
 
 
 def _drawn(scale: Scale, rng: np.random.Generator) -> Utilities:
-    return Utilities.drawn(scale, DRAWS, rng, noise=SURE)
+    return Utilities.drawn(scale, DRAWS, rng, mistakes=SURE)
 
 
 def _following(seed: int, past: History, before: History, fit: KPIFit) -> KPIFit:

@@ -22,6 +22,7 @@ from prefcal_agents.people import (
     clearly_apart,
     expected_best,
     explains,
+    noticed,
     now_and_next,
     overtaking,
     trend,
@@ -107,8 +108,7 @@ def chances(stage: Stage, best: int, history: History) -> Float[np.ndarray, " m"
     """
     given = [c.answer.preference is not Preference.TIE for c in history.lessons()]
     told = (sum(given) + 1) / (len(given) + 1)
-    draws = stage.utilities.some(len(stage.costs))
-    return np.asarray(told * draws.notices(stage.costs[:, best, None] - stage.costs).mean(axis=0))
+    return np.asarray(told * noticed(stage.costs[:, best, None] - stage.costs).mean(axis=0))
 
 
 # --- What can be said of a result: how many θ are noticeably better, for people unlike the draws, too.
@@ -293,7 +293,7 @@ def _foretold(draws: Utilities, lessons: Lessons, history: History) -> tuple[flo
     shares = np.exp(-logs - logsumexp(-logs, axis=0))
     gain = draws.gains(draws.levels(lessons.logs), lessons.better, lessons.worse).sum(axis=0)
     of_challenger = np.where(lessons.tie, gain, -gain)[:, :count]  # where it did not win
-    chance = np.sum(shares * draws.notices(of_challenger), axis=0)
+    chance = np.sum(shares * noticed(of_challenger), axis=0)
     held = -np.log1p(-np.minimum(chance[count - lost_since(history) :], _SURE)).sum()
     predicted = np.mean(np.log(len(logs)) - logsumexp(-logs, axis=0))
     return float(held), float(predicted)
@@ -323,7 +323,9 @@ class Screening(Simulating):
 
     @property
     def _growth(self) -> Growth:
-        return self.simulations.learned(Growth, self.space, self.n_simulated, self.setup.seed)
+        return self.simulations.learned(
+            Growth, self.space, self.n_simulated, self.setup.seed, self.setup.settings.taste
+        )
 
     def _prepare(self) -> None:
         self._stages = Remembered(self._stage_after)

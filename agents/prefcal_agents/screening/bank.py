@@ -21,10 +21,12 @@ from prefcal_agents.people import (
     Utilities,
     columns_of,
     corrected,
+    learned,
     updated,
 )
 from prefcal_agents.result import Pool, limited
 from prefcal_agents.search import Region, latin_hypercube
+from prefcal_agents.taste import Told, lessons_of
 from prefcal_env.arrays import integer
 from prefcal_env.errors import PreferenceError, SettingsError, SimulationError
 from prefcal_env.knobs import KnobSpace, theta_keys
@@ -218,12 +220,24 @@ class Simulations:
 
 @dataclass(frozen=True, slots=True)
 class Budget(Settings):
-    """Number of θ that an agent may simulate, 1 or more."""
+    """What an agent that simulates may use.
+
+    Args:
+        n_simulated: Number of θ that it may simulate, 1 or more.
+        taste: Answers of the same person in an earlier study, as `Told` or its plain data.
+    """
 
     n_simulated: int = 1000
+    taste: tuple[Told, ...] = ()
 
     def __post_init__(self) -> None:
         integer("n_simulated", self.n_simulated, low=1)
+        object.__setattr__(self, "taste", tuple(map(Told.of, self.taste)))
+
+    def pairs(self) -> tuple[tuple[str, Any], ...]:
+        """Return name and value of every setting, for an `AgentState`."""
+        taste = tuple(each.plain for each in self.taste)
+        return (("n_simulated", self.n_simulated), *((("taste", taste),) if taste else ()))
 
 
 class Simulating(Agent):
@@ -236,6 +250,7 @@ class Simulating(Agent):
         simulate: Function of a physical θ, shape (n,), that returns KPIs by name, lower is better;
             see `Simulate`. Without it, the agent can only be inspected.
         n_simulated: Number of θ to simulate, 1 or more.
+        taste: Answers of the same person in an earlier study, by `Told.all_of`.
     """
 
     options = Budget
@@ -251,8 +266,9 @@ class Simulating(Agent):
         n_max: int = 11,
         seed: int = 0,
         start: Start | None = None,
+        taste: Sequence[Told] = (),
     ) -> None:
-        budget = Budget(n_simulated)
+        budget = Budget(n_simulated, tuple(taste))
         super().__init__(space, n_init=n_init, n_max=n_max, seed=seed, start=start, settings=budget)
         self._simulations = None if simulate is None else Simulations(simulate)
 
@@ -302,6 +318,8 @@ _MOVED = 0.8  # probability that a knob moves along
 _JITTER = 0.01  # standard deviation of a random step, in units of the cube, where all leaders agree
 _LEARN = 0  # first stream of random numbers; the next ones place θ
 _CORRECT = 1000  # stream that draws how the plant differs from the simulation
+_TRAVELED = 0.5  # how much an answer of an earlier study counts, where one of this study counts 1
+_RECENT = 20  # number of answers of an earlier study that count, the latest ones
 _POOL, _RECALLED = 2000, 10
 """Stream of the pool's draws before any answer, and number of the latest answers it has draws of."""
 
@@ -340,11 +358,19 @@ class Growth:
         space: Knobs to tune.
         n_simulated: Largest number of θ to simulate.
         seed: Seed of all randomness.
+        taste: Answers of the same person in an earlier study.
     """
 
-    def __init__(self, simulations: Simulations, space: KnobSpace, n_simulated: int, seed: int) -> None:
+    def __init__(
+        self,
+        simulations: Simulations,
+        space: KnobSpace,
+        n_simulated: int,
+        seed: int,
+        taste: tuple[Told, ...] = (),
+    ) -> None:
         self.simulations = simulations
-        self._space, self._seed = space, seed
+        self._space, self._seed, self._taste = space, seed, taste[-_RECENT:]
         given = simulations.candidates
         self._plan = _plan(n_simulated) if given is None else [(len(given), 0)]
         wide = sum(count for count, _ in self._plan)
@@ -369,13 +395,21 @@ class Growth:
 
     def _pool(self, history: History) -> Pool:
         stage, last = self.stage(history), history.answered
-        given = [(History(), Utilities.drawn(stage.scale, DRAWS, self._rng(history, _POOL)))]
+        given = [(History(), self._before(history, stage.scale))]
         for count in range(max(last - _RECALLED, 1), last):
             past = history.until(count)
             earlier = self.stage(past)
             if earlier.scale.names == stage.scale.names:
                 given.append((past, earlier.utilities))
         return Pool.of(stage.bank, stage.scale, stage.logs, [*given, (history, stage.utilities)])
+
+    def _before(self, history: History, scale: Scale) -> Utilities:
+        """Return draws before any answer of this study, for the pool after `history`."""
+        if self._taste:  # to learn it again would take a second
+            first = self.stage(History())
+            if first.scale.names == scale.names:
+                return first.utilities
+        return self._drawn(scale, self._rng(history, _POOL))
 
     def due(self, history: History) -> int:
         """Return how many θ are simulated by the time of the query after `history`."""
@@ -396,7 +430,7 @@ class Growth:
         bank = self._simulated(*self._space.proposals(self._design[:wide]))
         spread = np.arange(len(bank))
         scale = Scale.of(bank, spread, self.simulations.reading.limits)
-        stage = self._stage(History(), bank, spread, scale, self._drawn(scale))
+        stage = self._stage(History(), bank, spread, scale, self._drawn(scale, self._rng(History(), _LEARN)))
         return self._refined(History(), stage, near)
 
     def _stage(
@@ -419,8 +453,13 @@ class Growth:
             expected = np.median(logs, axis=0)
         return Stage(seen, spread, scale, expected, utilities, some.costs(logs), rough=len(rows) > 0)
 
-    def _drawn(self, scale: Scale) -> Utilities:
-        return Utilities.drawn(scale, DRAWS, self._rng(History(), _LEARN))
+    def _drawn(self, scale: Scale, rng: np.random.Generator) -> Utilities:
+        """Return draws before any answer of this study, given those of an earlier one."""
+        draws = Utilities.drawn(scale, DRAWS, rng)
+        return learned(draws, self._told(scale), scale, rng) if self._taste else draws
+
+    def _told(self, scale: Scale) -> Lessons:
+        return lessons_of(self._taste, scale, _TRAVELED, self.simulations.reading)
 
     def _following(self, past: History, before: History, stage: Stage) -> Stage:
         """Return the stage after `past`, given the one after `before`, a step earlier."""
@@ -433,7 +472,7 @@ class Growth:
         bank, spread = self._widened(stage, past, turn, wide)
         scale, utilities = Scale.of(bank, spread, self.simulations.reading.limits), stage.utilities
         if scale.names != stage.scale.names:  # a KPI was always the same before: begin again
-            before, utilities = History(), self._drawn(scale)
+            before, utilities = History(), self._drawn(scale, self._rng(History(), _LEARN))
         elif not np.array_equal(scale.limits, stage.scale.limits):  # a KPI found a better value
             utilities = limited(scale, utilities)
         utilities = self._learned(past, before, bank, scale, utilities)
@@ -459,7 +498,8 @@ class Growth:
         if not past.lessons() and not past.unsafe():
             return utilities
         seen = Measured.of(bank, past, self.simulations.reading).on(bank)
-        old, new = (Lessons.of(seen, scale, record) for record in (before, past))
+        earlier = self._told(scale)
+        old, new = (Lessons.of(seen, scale, record).joined(earlier) for record in (before, past))
         return updated(utilities, old, new, scale, self._rng(past, _LEARN))
 
     def _refined(self, past: History, stage: Stage, count: int) -> Stage:

@@ -19,6 +19,7 @@ from rich.console import Console
 
 import prefcal_agents
 from prefcal_agents.registry import WORDS
+from prefcal_agents.taste import Told
 from prefcal_agents.transfer import Earlier
 from prefcal_app.report.export import jsonable, versions
 from prefcal_app.session.study import QUESTIONS, agent_as_dict, constraint_names, knobs_as_dicts, questions_of
@@ -28,7 +29,7 @@ from prefcal_env.errors import KnobError, PrefcalError, ScenarioError, SettingsE
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs import KnobSpace, theta_key
 from prefcal_env.optional import BENCHMARK, load_extensions
-from prefcal_env.preferences.answer import Calibrator
+from prefcal_env.preferences.answer import Calibrator, Outcome
 from prefcal_env.study import (
     Adjusted,
     Answered,
@@ -48,6 +49,7 @@ from prefcal_env.study import (
     study_path,
 )
 from prefcal_env.study.file import left_beside
+from prefcal_env.units import conversion
 from prefcal_env.wording import did_you_mean, in_words, located
 from prefcal_scenarios import verification
 from prefcal_scenarios.catalog import load
@@ -202,6 +204,8 @@ def make_agent(
         extra["settings"] = prefcal_agents.GLISpSettings(
             questions_per_experiment=options.questions_per_experiment, kpis=options.outcomes
         )
+    if options.taste is not None:
+        extra["taste"] = taste_of(options.taste, scenario)
     if start:
         extra["start"] = start
     agent: Agent = WORDS[options.agent].load()(
@@ -375,6 +379,36 @@ def _theta_of_study(name: str, which: str, space: KnobSpace) -> Float[np.ndarray
     if start is None:
         raise SettingsError(f"the constraints refuse the θ of {name}:{which}: give one as KNOB=VALUE, ...")
     return np.array(start)
+
+
+def taste_of(name: str, scenario: Scenario) -> tuple[Told, ...]:
+    """Return the answers of an earlier study about KPIs that `scenario` has, too, in its units.
+
+    Raises:
+        StudyError: If there is no such study.
+        SettingsError: If it has no answer about such a KPI.
+    """
+    with open_described(existing(name)) as file:
+        history, then = file.state.history, file.state.configuration["kpis"]
+    now = {kpi.name: kpi.unit for kpi in scenario.kpis}
+    shared = {}
+    for kpi in then:
+        same = conversion(kpi["unit"], now[kpi["name"]]) if kpi["name"] in now else None
+        if same is not None and not same.offset:
+            shared[kpi["name"]] = same
+
+    def here(outcome: Outcome) -> Outcome:
+        return Outcome({name: shared[name].to(value) for name, value in outcome.items() if name in shared})
+
+    told = [Told(each.answer, here(each.first), here(each.second)) for each in Told.all_of(history)]
+    found = tuple(each for each in told if each.first and each.second)
+    if not found:
+        raise SettingsError(
+            f"--taste {name}: none of its answers is about a KPI of scenario {scenario.name!r}. It has "
+            f"{len(told)} answers about {[kpi['name'] for kpi in then]}; KPIs need the same name, and a unit "
+            f"that converts, as one of {list(now)}"
+        )
+    return found
 
 
 # --- Open the study that a command works on: create a new one or resume an existing one.

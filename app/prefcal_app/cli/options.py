@@ -91,6 +91,8 @@ class Options(Described):
         start: θ of the first experiment, for example your current tuning: "KNOB=VALUE, ..." for
             every knob; one of the scenario's references; or an experiment of another study, MINE:3 or
             MINE:best. Repeat the option for more.
+        taste: Earlier study of the same person: start from its answers, as far as its KPIs have the
+            names and units of yours. They count half as much as new ones.
         outcomes: Let glisp learn from θ only, not from the KPIs of the experiments.
         cost: What the calibrator synthetic or the agent glis goes by: own.py:NAME, a function of an
             experiment, lower is better; or the name of a KPI.
@@ -138,6 +140,9 @@ class Options(Described):
         1, "N", min=1, shown="1", kept=Kept("questions per experiment", anew=True, agents=("glisp",))
     )
     start: tuple[str, ...] = option((), "THETA", shown="the agent's", kept=Kept("begins with"))
+    taste: str | None = option(
+        None, "STUDY", shown="none", kept=Kept("begins with the taste of", agents=("screening",))
+    )
     outcomes: bool = option(True, flag="--no-outcomes", kept=Kept("learns from KPIs", agents=("glisp",)))
     cost: str | None = option(None, "COST", shown="the scenario's score", kept=Kept("cost"))
     out: Path | None = option(None, "FOLDER", shown="./prefcal-STUDY; unattended: ./prefcal-SCENARIO-SEED")

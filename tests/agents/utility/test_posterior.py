@@ -181,7 +181,7 @@ def test_a_mistake_is_each_of_the_three_answers_alike():
 
 def test_equal_experiments_are_called_alike_but_for_mistakes():
     same = bank_of([[0.3, 0.3, 0.3], [0.3, 0.3, 0.3], *BANK.kpis[:40]])
-    utilities = replace(prior(), errors=np.full(DRAWS, 0.12), sharpness=np.full(DRAWS, 3.0))
+    utilities = replace(prior(), errors=np.full(DRAWS, 0.12))
     for answer, chance in ((0, 0.92), (-1, 0.04), (1, 0.04)):
         record = of_pairs(same, [(0, 1), (3, 4)], [answer, None])
         found = lessons(record, same).log_probabilities(utilities)

@@ -1,11 +1,11 @@
 """What a person may want: scales of KPIs, orders and trade-offs."""
 
-from dataclasses import fields, replace
+from dataclasses import fields
 
 import numpy as np
 import pytest
 
-from prefcal_agents.people import REAL, SURE, Scale, Utilities
+from prefcal_agents.people import REAL, SURE, Scale, Utilities, noticed
 from support.simulated import bank_of, random_bank
 
 
@@ -22,7 +22,7 @@ def by_hand(k=1, **known):
     """One draw of k KPIs, in which everything is 1 that is not known; no limit is stated."""
     rows = dict.fromkeys(("scales", "exponents", "steps", "limits", "normals"), np.ones((1, k)))
     rows |= {"limits": np.full((1, k), np.inf), "noticed": np.ones(1), "spreads": np.ones(1)}
-    rows |= {"ordered": np.zeros(1, dtype=int), "errors": np.zeros(1), "sharpness": np.ones(1)}
+    rows |= {"ordered": np.zeros(1, dtype=int), "errors": np.zeros(1)}
     return Utilities(**rows | {name: np.array([value]) for name, value in known.items()})
 
 
@@ -204,16 +204,14 @@ def test_many_mutations_without_lessons_keep_the_distribution():
     for name in ("exponents", "steps", "spreads", "noticed", "ordered"):
         now, before = (getattr(u, name).mean(axis=0) for u in (utilities, first))
         assert now == pytest.approx(before, rel=0.1)
-    for rate in REAL.errors:
-        assert np.mean(utilities.errors == rate) == pytest.approx(0.25, abs=0.03)
-    assert np.mean(utilities.sharpness) == pytest.approx(np.mean([3.0, 1.0, 0.3]), rel=0.05)
+    for rate, odds in REAL:
+        assert np.mean(utilities.errors == rate) == pytest.approx(odds, abs=0.03)
     moved = np.corrcoef(first.normals[:, 0], utilities.normals[:, 0])[0, 1]
     assert abs(moved) < 0.1  # or nothing was tried
 
 
-def test_noise_of_sure_people_is_small():
-    draws = Utilities.drawn(scale_of(random_bank()), 2000, np.random.default_rng(0), noise=SURE)
-    assert np.all(draws.sharpness == 3.0)
+def test_sure_people_rarely_answer_against_their_kpis():
+    draws = Utilities.drawn(scale_of(random_bank()), 2000, np.random.default_rng(0), mistakes=SURE)
     assert draws.errors.mean() == pytest.approx(0.7 * 0.02 + 0.2 * 0.1 + 0.1 * 0.25, abs=0.005)
 
 
@@ -246,10 +244,4 @@ def test_draws_are_taken_and_mixed_row_by_row():
 
 
 def test_a_difference_is_noticed_from_1_on():
-    gain = np.tile([-5.0, 0.0, 1.0, 2.0, 1e30], (2, 1))
-    draws = replace(drawn(scale_of(random_bank()), 2), sharpness=np.array([3.0, 0.3]))
-    sharp, dull = draws.notices(gain)
-    assert sharp == pytest.approx([0, 0, 0.5, 1, 1], abs=0.002)
-    assert dull == pytest.approx(
-        [0.036, 0.382, 0.5, 0.618, 1], abs=0.001
-    )  # by a table of the normal distribution
+    assert noticed(np.array([-5.0, 0.0, 1.0, 2.0, 1e30])) == pytest.approx([0, 0, 0.5, 1, 1], abs=0.002)
