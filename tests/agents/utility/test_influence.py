@@ -61,7 +61,7 @@ def test_turning_an_answer_twice_changes_nothing():
     assert turned(once, 1) == history
 
 
-@pytest.mark.parametrize(("new", "low", "high"), [(BEST, 0.8, 1.0), (POOR, 0.0, 0.25), (SAME, 0.0, 0.1)])
+@pytest.mark.parametrize(("new", "low", "high"), [(BEST, 0.8, 1.0), (POOR, 0.0, 0.1), (SAME, 0.0, 0.1)])
 def test_a_question_matters_if_the_new_one_may_win(new, low, high):
     history = record((FAIR, None), (GOOD, -1), pending=new)
     assert low <= stakes(pool_of(history), history, 1) <= high
@@ -69,4 +69,4 @@ def test_a_question_matters_if_the_new_one_may_win(new, low, high):
 
 def test_only_the_probably_better_overtake_the_winner_of_the_answers():
     history = record((POOR, None), (GOOD, -1), (9, 1))
-    assert overtaking(np.array([0.74, 0.0, 0.76]), history).tolist() == [0.0, 0.0, 0.76]
+    assert overtaking(np.array([0.59, 0.0, 0.61]), history).tolist() == [0.0, 0.0, 0.61]
