@@ -798,7 +798,7 @@ _TIE, _LESS = 0.4, 0.2
 does."""
 _ALIKE = 3.0  # ranks below this are worth about the same: the very first ones are a matter of chance
 
-_DOUBT = 0.6
+_DOUBT = 0.75
 """Probability of being noticeably better than the best by the answers above which an experiment
 takes its place."""
 
@@ -925,7 +925,7 @@ def trend(z: Float[np.ndarray, "m n"], costs: Float[np.ndarray, "s m"], row: int
 def overtaking(better: Float[np.ndarray, " n"], history: History) -> Float[np.ndarray, " n"]:
     """Return how probably each sample is noticeably better than the best by the answers, (n,).
 
-    It is 0 unless the probability is above 0.6, and for those that were unsafe or cut short.
+    It is 0 unless the probability is above 0.75, and for those that were unsafe or cut short.
     """
     found = np.where(better > _DOUBT, better, 0.0)
     found[[*history.unsafe(), *history.cut_short()]] = 0.0

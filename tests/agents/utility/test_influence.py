@@ -69,4 +69,4 @@ def test_a_question_matters_if_the_new_one_may_win(new, low, high):
 
 def test_only_the_probably_better_overtake_the_winner_of_the_answers():
     history = record((POOR, None), (GOOD, -1), (9, 1))
-    assert overtaking(np.array([0.59, 0.0, 0.61]), history).tolist() == [0.0, 0.0, 0.61]
+    assert overtaking(np.array([0.74, 0.0, 0.76]), history).tolist() == [0.0, 0.0, 0.76]

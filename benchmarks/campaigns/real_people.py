@@ -1,8 +1,8 @@
 """Measure how often what Taste says of real people comes true.
 
-    python benchmarks/campaigns/people.py             # 146 people who chose trains: some minutes
-    python benchmarks/campaigns/people.py coffee      # 118 people who rated coffees, compared in pairs
-    python benchmarks/campaigns/people.py --people 20
+    python benchmarks/campaigns/real_people.py             # 146 people who chose trains: some minutes
+    python benchmarks/campaigns/real_people.py coffee      # 118 people who rated coffees, compared in pairs
+    python benchmarks/campaigns/real_people.py --people 20
 
 Each person's answers are in random order. After 0, 3, 5 and 8 of them, the others that were not used
 are predicted: how many are right, what was stated, and the mean logarithm of what was stated of the
