@@ -394,7 +394,11 @@ class Screening(Simulating):
             return (None,)
         stage = self._stages(history)
         row = None if stage.rough else _row(stage.bank, np.array(history.samples[best].theta))
-        return (None if row is None else evidence(stage, row, history),)
+        if row is None:
+            return (None,)
+        found = evidence(stage, row, history)
+        # Numbers of given candidates say nothing, so that what θ predicts is chance.
+        return (found if self.simulations.candidates is None else replace(found, explained=True),)
 
     @property
     def certificate(self) -> Certificate | None:

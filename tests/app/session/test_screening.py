@@ -90,10 +90,11 @@ def test_a_restarted_study_asks_the_identical_question_at_once(tmp_path):
     assert again.now().phase is Phase.OVER
 
 
-def test_what_the_agent_holds_for_the_best_is_the_best_of_the_record_too(tmp_path):
-    """Someone who now and then says the opposite of what they mean."""
+def test_what_the_agent_holds_for_the_best_is_the_best_of_the_record_too(tmp_path, monkeypatch):
+    """Someone who now and then means the opposite, and an agent that is quick to think so."""
+    monkeypatch.setattr("prefcal_agents.people._DOUBT", 0.5)
     path, leads = tmp_path / "mine.prefcal", 0
-    interview = started(path, n_max=12, agent=partial(Screening, n_simulated=150))
+    interview = started(path, n_max=12, seed=1, agent=partial(Screening, n_simulated=150))
     now = proceed(interview)
     while now.phase is not Phase.OVER:
         assert now.question.incumbent.index == now.incumbent == now.state.history.incumbent

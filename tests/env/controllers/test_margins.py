@@ -227,9 +227,10 @@ def test_the_margins_of_a_pid_are_those_of_python_control(system, delay, T_s, pi
     GM, PM, SM, _, at, _ = control.stability_margins(L, returnall=True)
     assert found != UNSTABLE
     assert found.gain == pytest.approx(min(g for g in GM if g > 1), rel=1e-6)
-    assert found.phase == pytest.approx(min(abs(PM)), rel=1e-6)
+    # On some processors its polynomials give five digits of the crossing, and a root of |L| = 1 gives ours.
+    assert found.phase == pytest.approx(min(abs(PM)), rel=1e-5)
     assert found.M_s == pytest.approx(1 / min(SM), rel=1e-6)
-    assert found.delay == pytest.approx(min(np.deg2rad(PM % 360) / at), rel=1e-6)
+    assert found.delay == pytest.approx(min(np.deg2rad(PM % 360) / at), rel=1e-5)
     omega = np.geomspace(1e-2, np.pi / T_s, 30_000)
     assert found.disk == pytest.approx(control.disk_margins(L, omega)[0], rel=1e-6)
 
