@@ -492,7 +492,7 @@ class Lessons:
     def __len__(self) -> int:
         return len(self.tie)
 
-    def joined(self, others: "Lessons") -> "Lessons":
+    def join(self, others: "Lessons") -> "Lessons":
         """Return these answers, then `others`, which are about other experiments."""
         if not len(others):
             return self
@@ -541,7 +541,7 @@ def updated(
     return _moved(utilities, new, scale, rng, mistakes)
 
 
-def learned(before: Utilities, lessons: Lessons, scale: Scale, rng: np.random.Generator) -> Utilities:
+def learn(before: Utilities, lessons: Lessons, scale: Scale, rng: np.random.Generator) -> Utilities:
     """Return draws given all answers of `lessons`, one after the other."""
     for count in range(len(lessons)):
         before = updated(before, lessons.first(count), lessons.first(count + 1), scale, rng)

@@ -11,7 +11,7 @@ from prefcal_env.errors import PreferenceError
 from prefcal_env.preferences.answer import Outcome, Reading
 from prefcal_env.preferences.history import History
 
-from .people import DRAWS, Bank, Lessons, Scale, Utilities, columns_of, learned, worth
+from .people import DRAWS, Bank, Lessons, Scale, Utilities, columns_of, learn, worth
 
 KPIs = Mapping[str, float]
 """KPIs of an experiment by name, lower is better; infinite means never, NaN or no entry unknown."""
@@ -66,7 +66,7 @@ class Told:
         try:
             answer, *sides = plain
             first, second = (Outcome.from_dict(dict(side)) for side in sides)
-            (said,) = _checked([answer], [(first, second)]).tolist()
+            (said,) = _check([answer], [(first, second)]).tolist()
         except (TypeError, ValueError) as error:
             raise PreferenceError(f"an answer that travels cannot be {plain!r}") from error
         return cls(said, first, second)
@@ -128,7 +128,7 @@ class Taste:
             PreferenceError: If the lengths differ, an answer is none of the three, a KPI is no number,
                 or no experiment is given.
         """
-        said = _checked(answers, kpis)
+        said = _check(answers, kpis)
         told = [Told(x, Outcome(a), Outcome(b)) for x, (a, b) in zip(said.tolist(), kpis, strict=True)]
         return cls._of(told, seed, usual)
 
@@ -149,7 +149,7 @@ class Taste:
         bank = _bank(table)
         scale, rng = Scale.of(bank, np.arange(len(bank))), np.random.default_rng(seed)
         utilities = Utilities.drawn(scale, DRAWS, rng)
-        return cls(scale, learned(utilities, lessons_of(told, scale), scale, rng))
+        return cls(scale, learn(utilities, lessons_of(told, scale), scale, rng))
 
     def predict(self, a: KPIs, b: KPIs) -> Chances:
         """Predict the answer to "which is better, a or b?".
@@ -184,7 +184,7 @@ class Taste:
         return self.scale(bank)
 
 
-def _checked(answers: Sequence[int], kpis: Sequence[tuple[KPIs, KPIs]]) -> Int[np.ndarray, " m"]:
+def _check(answers: Sequence[int], kpis: Sequence[tuple[KPIs, KPIs]]) -> Int[np.ndarray, " m"]:
     """Return the answers; raise PreferenceError if they are not about as many pairs of experiments."""
     if len(answers) != len(kpis):
         raise PreferenceError(f"each answer needs a pair of KPIs: {len(answers)} answers, {len(kpis)} pairs")

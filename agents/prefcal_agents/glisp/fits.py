@@ -268,10 +268,10 @@ def kpi_fits(seed: int) -> Stages[KPIFit]:
 def _first(seed: int) -> KPIFit:
     bank = Bank.of(np.zeros((0, 0)), np.zeros((0, 0)), {})
     scale = Scale.of(bank, np.arange(0))
-    return KPIFit(bank, np.arange(0), scale, _drawn(scale, _rng(seed, History())))
+    return KPIFit(bank, np.arange(0), scale, _draw(scale, _rng(seed, History())))
 
 
-def _drawn(scale: Scale, rng: np.random.Generator) -> Utilities:
+def _draw(scale: Scale, rng: np.random.Generator) -> Utilities:
     return Utilities.drawn(scale, DRAWS, rng, mistakes=SURE)
 
 
@@ -280,7 +280,7 @@ def _following(seed: int, past: History, before: History, fit: KPIFit) -> KPIFit
     bank, rng, utilities = _experiments(past), _rng(seed, past), fit.utilities
     scale, part = Scale.of(bank, np.arange(len(bank))), Memory.of(past).history
     if scale.names != fit.scale.names:  # a KPI was always the same before: begin again
-        before, utilities = History(), _drawn(scale, rng)
+        before, utilities = History(), _draw(scale, rng)
     if scale.names and (past.lessons() or past.unsafe()):
         old, new = (Lessons.of(bank, scale, each) for each in (Memory.of(before).history, part))
         utilities = updated(utilities, old, new, scale, rng, SURE)

@@ -241,13 +241,14 @@ def _experiments(size: float) -> tuple[float, float, float]:
     return low, middle, high
 
 
-def evidence(stage: Stage, best: int, history: History) -> Evidence:
+def evidence(stage: Stage, best: int, history: History, *, numbered: bool = False) -> Evidence:
     """Return what draws and answers say of row `best` of the bank.
 
     Args:
         stage: What is known after `history`.
         best: Row of the result.
         history: Samples and answers, one answer or more.
+        numbered: Whether θ is the number of a candidate, which explains nothing.
     """
     draws = stage.utilities.some(len(stage.costs))
     better = _better(draws, stage.logs, best) & ~stage.bank.hopeless
@@ -261,7 +262,7 @@ def evidence(stage: Stage, best: int, history: History) -> Evidence:
         wide=float(np.quantile(better[:, stage.spread].mean(axis=1), _QUANTILE)),
         held=held,
         predicted=predicted,
-        explained=explains(history, stage.bank, stage.scale, stage.utilities),
+        explained=numbered or explains(history, stage.bank, stage.scale, stage.utilities),
         chance=float(chances[row]),
         promising=tuple(stage.bank.thetas[row].tolist()),
     )
@@ -394,11 +395,9 @@ class Screening(Simulating):
             return (None,)
         stage = self._stages(history)
         row = None if stage.rough else _row(stage.bank, np.array(history.samples[best].theta))
-        if row is None:
-            return (None,)
-        found = evidence(stage, row, history)
-        # Numbers of given candidates say nothing, so that what θ predicts is chance.
-        return (found if self.simulations.candidates is None else replace(found, explained=True),)
+        # The numbers of given candidates mean nothing, so that what they predict is chance.
+        numbered = self.simulations.candidates is not None
+        return (None if row is None else evidence(stage, row, history, numbered=numbered),)
 
     @property
     def certificate(self) -> Certificate | None:

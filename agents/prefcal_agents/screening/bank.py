@@ -21,7 +21,7 @@ from prefcal_agents.people import (
     Utilities,
     columns_of,
     corrected,
-    learned,
+    learn,
     updated,
 )
 from prefcal_agents.result import Pool, limited
@@ -456,9 +456,9 @@ class Growth:
     def _drawn(self, scale: Scale, rng: np.random.Generator) -> Utilities:
         """Return draws before any answer of this study, given those of an earlier one."""
         draws = Utilities.drawn(scale, DRAWS, rng)
-        return learned(draws, self._told(scale), scale, rng) if self._taste else draws
+        return learn(draws, self._earlier_lessons(scale), scale, rng) if self._taste else draws
 
-    def _told(self, scale: Scale) -> Lessons:
+    def _earlier_lessons(self, scale: Scale) -> Lessons:
         return lessons_of(self._taste, scale, _TRAVELED, self.simulations.reading)
 
     def _following(self, past: History, before: History, stage: Stage) -> Stage:
@@ -498,8 +498,8 @@ class Growth:
         if not past.lessons() and not past.unsafe():
             return utilities
         seen = Measured.of(bank, past, self.simulations.reading).on(bank)
-        earlier = self._told(scale)
-        old, new = (Lessons.of(seen, scale, record).joined(earlier) for record in (before, past))
+        earlier = self._earlier_lessons(scale)
+        old, new = (Lessons.of(seen, scale, record).join(earlier) for record in (before, past))
         return updated(utilities, old, new, scale, self._rng(past, _LEARN))
 
     def _refined(self, past: History, stage: Stage, count: int) -> Stage:

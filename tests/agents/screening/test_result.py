@@ -135,7 +135,7 @@ def test_the_menu_holds_others_with_what_they_gain(ended):
 
 
 def test_what_decided_is_what_was_wanted(ended):
-    assert ended.wishes["first"] > 0.8
+    assert ended.wishes["first"] > 0.85
 
 
 def test_a_result_without_a_given_start_is_compared_with_nothing(ended):

@@ -158,7 +158,7 @@ def test_wrong_answers_raise_the_error_rate_of_the_draws():
     surely, mistaken = (learned(of_pairs(BANK, pairs, a)).errors.mean() for a in (answers, wrong))
     expected = prior().errors.mean()
     assert surely < expected
-    assert mistaken > 1.5 * expected
+    assert mistaken > 1.9 * expected
 
 
 def test_without_lessons_the_distribution_stays():
@@ -166,9 +166,9 @@ def test_without_lessons_the_distribution_stays():
     quantiles = [0.1, 0.5, 0.9]
     for name in ("exponents", "normals", "spreads", "noticed"):
         was, now = (np.quantile(getattr(u, name), quantiles, axis=0) for u in (before, after))
-        assert now == pytest.approx(was, abs=0.2, rel=0.1)
+        assert now == pytest.approx(was, abs=0.2, rel=0.07)
     assert not np.array_equal(before.normals, after.normals)  # or it was not tried
-    assert after.errors.mean() == pytest.approx(before.errors.mean(), abs=0.03)
+    assert after.errors.mean() == pytest.approx(before.errors.mean(), abs=0.02)
 
 
 def test_a_mistake_is_each_of_the_three_answers_alike():
