@@ -156,7 +156,8 @@ def record_of(
         waiting={index: interview.past.experiment(index) for index in waiting},
         references=references,
         settings=options.settings(),
-        agent_settings={f"{agent['agent']} {k}": v for k, v in agent["settings"].items()},
+        # The options name the study of the taste; its answers are in the file, not for people to read.
+        agent_settings={f"{agent['agent']} {k}": v for k, v in agent["settings"].items() if k != "taste"},
         n_init=options.n_init,
         n_max=interview.known.n_max,
         command=options.command(),

@@ -31,14 +31,19 @@ def mine(done):
     done("calibrate", UNSEEN, *UNATTENDED, "--n-max", "8", "--study", "mine")
 
 
-def test_a_study_begins_with_the_taste_of_another_one_and_needs_its_file_no_more(prefcal, done, mine):
-    line = ["calibrate", UNSEEN, *UNATTENDED, "--taste", "mine", "--seed", "3"]
+def test_a_study_begins_with_the_taste_of_another_one_and_needs_its_file_no_more(done, mine, tmp_path):
+    line = ["calibrate", UNSEEN, *UNATTENDED, "--taste", "mine", "--seed", "3", "--out", "hers"]
     done(*line, "--n-max", "4", "--study", "hers")
     kept = settings_of("hers")["taste"]
     assert [answer for answer, *_ in kept] == [
         int(c.answer.preference) for c in state_of("mine").history.lessons()
     ]
     assert set(dict(kept[0][1])) == {"slow", "rough"}
+    best = json.loads((tmp_path / "hers" / "best.json").read_text())
+    assert best["study"]["begins with the taste of"] == "mine"
+    report = (tmp_path / "hers" / "report.html").read_text("utf-8")
+    assert "begins with the taste of" in report
+    assert "Screening taste" not in report + str(best)  # numbers that nobody reads
     study_path("mine").unlink()
     out = done(*line, "--n-max", "5", "--study", "hers")
     assert json.loads(out)["experiments"] == 5
