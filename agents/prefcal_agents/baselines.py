@@ -12,10 +12,10 @@ from prefcal_env.errors import SettingsError
 from prefcal_env.preferences.history import History
 
 from .agent import Agent, Settings, choice
-from .lessons import Preferences, cube_of, normalized, scores_of
+from .lessons import cube_of, normalized, scores_of
 from .people import Bank, columns_of
 from .screening.bank import Simulating
-from .search import Tried, latin_hypercube, new_minimum, random_points
+from .search import Tried, latin_hypercube, new_minimum, random_points, step_length
 from .surrogate import RADIAL_FUNCTIONS, squared_distances
 
 POSITIVE_DEFINITE = ("gaussian", "inverse_quadratic")
@@ -356,10 +356,6 @@ class RandomSearch(Agent):
         return Tried(self.space, history).fresh(self.space.scaled(rng.random((1, len(self.space))))[0], rng)
 
 
-_FIRST, _WIDEST = 0.2, 0.5  # standard deviation of a step at the start, and the largest one, in the unit cube
-_GROWTH, _DECAY = 1.5, 0.9  # factors of the step after a success and after a failure
-
-
 @final
 class StepSearch(Agent):
     """Evolution strategy with one parent, as in docs/own_agent.py, which explains it.
@@ -378,8 +374,6 @@ class StepSearch(Agent):
         if history.answered < self.setup.n_init:
             z = rng.random(n)
         else:
-            b = Preferences.of(history).b[self.setup.n_init - 1 :]
-            step = _FIRST * _GROWTH ** np.sum(b == -1) * _DECAY ** np.sum(b == 1)
             parent = np.array(history.samples[history.incumbent or 0].z)
-            z = parent + min(step, _WIDEST) * rng.standard_normal(n)
+            z = parent + step_length(history, self.setup.n_init) * rng.standard_normal(n)
         return Tried(self.space, history).fresh(np.clip(z, 0.0, 1.0), rng)

@@ -15,7 +15,7 @@ from prefcal_env.errors import KnobError, ProtocolError
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preferences.history import History
 
-from .lessons import MOST, Marks, cube_of
+from .lessons import MOST, Marks, Preferences, cube_of
 from .surrogate import RADIAL_FUNCTIONS, PreferenceGP, Surrogate, squared_distances
 
 _COUNTED = 100_000  # spaces with at most this many θ are checked against the constraints
@@ -180,6 +180,28 @@ def random_points(space: KnobSpace, count: int, rng: np.random.Generator) -> Flo
     if space.constraints:
         return Region(space).draw(count, rng)
     return space.scaled(rng.random((count, len(space))))
+
+
+# --- Step away from the best so far, as an evolution strategy with one parent does.
+
+_FIRST, _WIDEST = 0.2, 0.5  # standard deviation of a step at the start, and the largest one, in the unit cube
+_GROWTH, _DECAY = 1.5, 0.9  # factors of the step after a success and after a failure
+
+
+def step_length(history: History, n_init: int) -> float:
+    """Return the standard deviation of the next step, in the unit cube, above 0 and at most 0.5.
+
+    Steps grow where one succeeded, since a longer one may do better still, and shrink where one
+    failed. "About the same" says nothing of the length.
+
+    Source: I. Rechenberg, "Evolutionsstrategie" (1973): the rule that one step in five succeeds.
+
+    Args:
+        history: Samples and answers.
+        n_init: Number of samples of the start, which are no steps.
+    """
+    b = Preferences.of(history).b[n_init - 1 :]
+    return float(min(_FIRST * _GROWTH ** np.sum(b == -1) * _DECAY ** np.sum(b == 1), _WIDEST))
 
 
 # --- Create the initial design: a Latin hypercube.

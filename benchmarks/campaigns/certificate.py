@@ -349,7 +349,8 @@ def fitted(rows: Sequence[Row]) -> Iterator[str]:
         return
     share, step = fitted_share(terms, np.array([row.exceeded_by for row in said]), weights)
     yield f"Share: {np.round(share, 3).tolist()}, step: {step:.3f}"
-    chances = logit(np.clip([row.evidence.chance for row in said], 0.02, 0.98))[:, None]
+    logits = logit(np.clip([row.evidence.chance for row in said], 0.02, 0.98))
+    chances = np.column_stack([np.ones(len(said)), logits])
     yield f"Chance: {_logistic(chances[:, None], better, weights).round(2).tolist()}"
 
 

@@ -95,7 +95,7 @@ def propose(setup: GLISpSetup, fit: Fit) -> Float[np.ndarray, " n"]:
     rng = np.random.default_rng([setup.seed, history.answered])
     penalty = _penalty(setup, history)
     if fit.kpis is not None:
-        return most_promising(setup.space, history, fit.kpis, penalty, rng)
+        return most_promising(setup, history, fit.kpis, penalty, rng)
     rule = next(rule for rule in STRATEGY if rule.holds(setup, fit))
     objective = rule.objective(setup, fit)
     if penalty is not None:
@@ -359,7 +359,7 @@ class GLISp(Agent):
     `settings`, and KPIs are off, so that eq. acquisition is minimized.
     """
 
-    version: ClassVar[int] = 12
+    version: ClassVar[int] = 13
     options = GLISpSettings
 
     def __init__(

@@ -33,7 +33,7 @@ from prefcal_agents.people import (
     explains,
     updated,
 )
-from prefcal_agents.search import Penalty, Tried, random_points
+from prefcal_agents.search import Penalty, Tried, random_points, step_length
 from prefcal_agents.surrogate import (
     FOLDS,
     RADIAL_FUNCTIONS,
@@ -170,9 +170,8 @@ _DOUBT = 0.5  # probability of being better than the best above which a sample i
 _STREAM = 3  # stream of random numbers
 _MOST = 100  # number of answers after which ten are learned from at once, so that a long study opens soon
 
-_ANYWHERE, _NEAR = 300, 300  # number of random θ to choose from, and of steps from the best one so far
-_STEPS = (0.003, 0.3)  # shortest and longest standard deviation of a step, in units of the cube
-_MOVED = 0.2  # smallest share of the knobs that a step moves; the largest is 1
+_STEPS = 20  # number of steps from the best so far to choose from: more would trust the processes too much
+_SHORTEST = 0.003  # shortest standard deviation of a step, in units of the cube: most knobs have 250 values
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -300,44 +299,46 @@ def _rng(seed: int, past: History) -> np.random.Generator:
 
 
 def most_promising(
-    space: KnobSpace, history: History, fit: KPIFit, penalty: Penalty | None, rng: np.random.Generator
+    setup: GLISpSetup, history: History, fit: KPIFit, penalty: Penalty | None, rng: np.random.Generator
 ) -> Float[np.ndarray, " n"]:
     """Return the point of the cube to run next, shape (n,): the best one for `expected_best`.
 
     Source: Z. J. Lin et al., "Preference exploration for efficient Bayesian optimization with
     multiple outcomes" (2022): a process for each KPI, draws of what the person wants.
     Deviation: draws follow `Utilities`, and the choice is that of `Screening`. The θ to choose from
-    are random ones and steps from the best one, as in an evolution strategy.
+    are a few steps from the best one, whose length is that of an evolution strategy: processes
+    through a few dozen experiments foretell friction, delays and stages badly, and the best of
+    hundreds of θ is the one about which they are most wrong (docs/research/kpis.md).
 
     Args:
-        space: Knobs to tune.
+        setup: Knobs to tune, and how many experiments the start has.
         history: Samples and answers.
         fit: What is known about the person.
         penalty: Penalty for places that are likely unsafe; those with one come last.
         rng: Generator of the θ to choose from, and of the draws.
     """
-    samples = history.samples
-    best = samples[history.incumbent or 0]
-    points = np.vstack([random_points(space, _ANYWHERE, rng), _steps(space, best.z, rng)])
-    points = space.snap_all(points)
-    points = points[np.atleast_1d(space.allows(space.decode_all(points)))]
-    value = expected_best(fit.costs(points, rng), fit.row(best.theta))[len(fit.kept) :]
+    space, best = setup.space, history.samples[history.incumbent or 0]
+    length = max(step_length(history, setup.n_init), _SHORTEST)
+    points = _steps(space, np.array(best.z), length, rng)
     risk = np.zeros(len(points)) if penalty is None else penalty(points)
+    fine = np.atleast_1d(space.allows(space.decode_all(points))) & (risk == 0.0)
+    if not fine.all():  # random θ take their place, or a best θ at an unsafe place would hold all steps there
+        others = space.snap_all(random_points(space, np.count_nonzero(~fine), rng))
+        points = np.vstack([points[fine], others])
+        risk = np.zeros(len(points)) if penalty is None else penalty(points)
+    value = expected_best(fit.costs(points, rng), fit.row(best.theta))[len(fit.kept) :]
     ranked = points[np.lexsort((-value, risk))]
     tried = Tried(space, history)
     found = tried.first_new(ranked)
     return tried.fresh(ranked[0], rng) if found is None else found
 
 
-def _steps(space: KnobSpace, best: tuple[float, ...], rng: np.random.Generator) -> Float[np.ndarray, "s n"]:
-    """Return steps from the best θ of all lengths, which move some of the knobs, shape (s, n)."""
-    shape = (_NEAR, len(space))
-    moved = rng.random(shape) < rng.uniform(_MOVED, 1.0, (_NEAR, 1))
-    moved[np.arange(_NEAR), rng.integers(0, len(space), _NEAR)] = True
-    shortest, longest = np.log(_STEPS)
-    length = np.exp(rng.uniform(shortest, longest, (_NEAR, 1)))
+def _steps(
+    space: KnobSpace, best: Float[np.ndarray, " n"], length: float, rng: np.random.Generator
+) -> Float[np.ndarray, "s n"]:
+    """Return normal steps from the best θ, shape (s, n)."""
     low, high = space.corners
-    return np.asarray(np.clip(best + length * moved * rng.standard_normal(shape), low, high))
+    return space.snap_all(np.clip(best + length * rng.standard_normal((_STEPS, len(space))), low, high))
 
 
 # --- Test whether some answers are wrong, and choose the shape of φ that suits such answers.

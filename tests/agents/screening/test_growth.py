@@ -317,7 +317,7 @@ def test_the_share_by_hand():
     said = Certificate.of(Evidence(10, 0.099, 0.009, 2.0, -0.5, True, 0.5, ()))
     size = 10 ** (1.583 + 0.382 * -1 - 0.177 * np.log(10) - 0.169 * 2 + 0.615 * -2 - 0.364 * -0.5)
     assert said.share == pytest.approx(np.ceil(100 * size) / 100)
-    assert said.chance == pytest.approx(0.5)
+    assert said.chance == pytest.approx(1 / (1 + np.exp(-0.25))), "half of the draws, which are a little low"
 
 
 def test_it_is_enough_after_six_and_eight_answers_if_share_and_chance_are_small():
@@ -325,9 +325,9 @@ def test_it_is_enough_after_six_and_eight_answers_if_share_and_chance_are_small(
     assert Certificate.of(good).share <= 0.1
     assert Certificate.of(good).enough
     assert Certificate.of(replace(good, answers=8)).enough
-    for less in ({"answers": 5}, {"answers": 7}, {"chance": 0.51}, {"wide": 0.1}, {"explained": False}):
+    for less in ({"answers": 5}, {"answers": 7}, {"chance": 0.44}, {"wide": 0.1}, {"explained": False}):
         assert not Certificate.of(replace(good, **less)).enough
-    assert Certificate.of(replace(good, chance=0.5)).enough
+    assert Certificate.of(replace(good, chance=0.43)).enough, "which states just below 50 %"
 
 
 def test_an_agent_has_enough_only_while_its_best_misses_no_objective(monkeypatch):
@@ -356,11 +356,10 @@ def test_the_number_of_random_experiments_by_hand():
     assert Certificate.of(replace(KNOWN, explained=False)).experiments is None
 
 
-def test_the_draws_are_believed_less_the_surer_they_are():
+def test_the_chance_grows_with_that_of_the_draws_and_is_never_sure():
     chances = [Certificate.of(replace(KNOWN, chance=p)).chance for p in (0.0, 0.1, 0.5, 0.9, 1.0)]
     assert chances == sorted(chances)
-    assert 0.1 < chances[1] < 0.5 < chances[3] < 0.9
-    assert chances[0] + chances[-1] == pytest.approx(1.0)
+    assert 0.02 < chances[0] < chances[-1] < 0.98
 
 
 def test_an_agent_says_nothing_at_first_and_the_same_after_a_restart():
