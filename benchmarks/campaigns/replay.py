@@ -200,7 +200,7 @@ def _begun(scenario: Scenario, seed: int, simulator: Simulator, simulated: int) 
 
 def _next(interview: Interview) -> Now:
     """Work until a question is open with its reason, or the study is over."""
-    while interview.now().phase is Phase.RUNNING or interview.known.screened() is None:
+    while interview.now().phase is Phase.RUNNING or interview.known.findings is None:
         if not interview.work():
             break
     return interview.now()
@@ -215,17 +215,17 @@ def _note_chances(
     found: ReplayedStudy, interview: Interview, question: Question, who: Judge, verdict: Choice
 ) -> None:
     """Note what the page says of the future, and what is the case."""
-    screened = interview.known.screened()
-    if screened is None or screened.prospect is None or question.further:
+    screened, said = interview.known.screened(), interview.known.findings
+    if screened is None or said is None or said.chance_of_better is None or question.further:
         return
     new = Choice.LEFT if question.challenger is question.left else Choice.RIGHT
-    if screened.reason is not None:
-        found.said.append((screened.reason.chance, verdict is new))
+    if said.reason is not None:
+        found.said.append((said.reason.chance, verdict is new))
     scenario, bank = interview.scenario, screened.bank
     best = judged(scenario, question.incumbent.experiment)
     rows = [dict(zip(bank.names, row, strict=True)) for row in bank.kpis]
     better = any(who.prefers({**best, **row}, best) > 0 for row in rows)
-    found.promised.append((screened.prospect.chance, better))
+    found.promised.append((said.chance_of_better, better))
 
 
 def _untrue(interview: Interview, now: Now, question: Question, asked: Sequence[set[int]]) -> Iterator[str]:

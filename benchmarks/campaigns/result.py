@@ -38,6 +38,7 @@ from jaxtyping import Float
 from prefcal_agents.agent import Start, one_thread
 from prefcal_agents.result import decisive, turned
 from prefcal_agents.screening.agent import Screening
+from prefcal_agents.screening.findings import Findings, findings
 from prefcal_bench.cells.simulation import Simulation
 from prefcal_bench.people import USUAL, Runs, Taste, runs_of, sample, taste
 from prefcal_bench.people.sample import thetas
@@ -82,14 +83,22 @@ class ToldStudy:
         stakes = list(self._answered())
         if self.agent.setup.start:
             return {"smaller": self._smaller()}
+        said = self._said(over=True)
         runs = self._runs(self.agent.bank.thetas)
         best = self.agent.bank.find(self.agent.best)
         return {
             "stakes": stakes,
-            "answer": self._answer(),
-            **self._menu(runs, best),
-            "wanted": self._wanted(runs.take(np.array([best]))),
+            "answer": self._answer(said),
+            **self._menu(said, runs, best),
+            "wanted": self._wanted(said, runs.take(np.array([best]))),
         }
+
+    def _said(self, *, over: bool) -> Findings:
+        """Return all that is said of the open question or, if the study is over, of the result."""
+        found = findings(self.agent, over=over)
+        while not found.complete:
+            found = findings(self.agent, found, over=over)
+        return found
 
     def _runs(self, thetas: Float[np.ndarray, "m n"]) -> Runs:
         experiments = [self._where.outcome(theta).experiment for theta in thetas]
@@ -97,9 +106,9 @@ class ToldStudy:
 
     def _smaller(self) -> Row:
         """Return how many knobs differ and are put back, and whether that is no worse."""
-        agent, found = self.agent, self.agent.smaller_change
-        explained = agent.certificate is None or agent.certificate.explained
-        thetas = [agent.history.samples[0].theta, found.theta if found and explained else agent.best]
+        agent, said = self.agent, self._said(over=True)
+        found = said.smaller if said.explained else None
+        thetas = [agent.history.samples[0].theta, found.theta if found else agent.best]
         changed, back = (int(np.sum(agent.best != theta)) for theta in thetas)
         result, smaller = (self._runs(np.array([theta])) for theta in (agent.best, thetas[1]))
         good = bool(self._person.rule.compare(result, smaller)[0] >= 0)
@@ -111,7 +120,7 @@ class ToldStudy:
         while agent.history.answered <= _ASKED:
             query, stakes = agent.ask(), None
             if query.incumbent is not None:
-                stakes = agent.stakes if query.challenger.index > _ASKED - _LAST else None
+                stakes = self._said(over=False).stakes if query.challenger.index > _ASKED - _LAST else None
             self._answer_next(agent)
             if stakes is not None and query.incumbent is not None:
                 yield stakes, agent.best_index != query.incumbent.index
@@ -124,30 +133,31 @@ class ToldStudy:
             verdict = prefer(self._judge, new, old)
         agent.tell(query, Answer(verdict, outcomes=(new.kpis, None if old is None else old.kpis)))
 
-    def _answer(self) -> Row | None:
+    def _answer(self, said: Findings) -> Row | None:
         """Return what was foretold of the decisive answer, and what comes of learning again."""
         best, history = self.agent.best_index, self.agent.history
-        named = None if best is None else decisive(self.agent.influences, best)
+        named = None if best is None else decisive(said.influences, best)
         if named is None:
             return None
         agent = self.agent.copy()
         agent.history = turned(history, named.answer)
         return {"foretold": named.reversed, "found": agent.best_index, "now": best, "sure": named.sure}
 
-    def _menu(self, runs: Runs, best: int) -> Row:
+    def _menu(self, said: Findings, runs: Runs, best: int) -> Row:
         """Return of result and menu which are no worse than the best, and the shares better."""
-        rows, rule = [best, *self.agent.menu], self._person.rule
+        menu = self.agent.bank.rows([other.theta for other in said.menu]).tolist()
+        rows, rule = [best, *menu], self._person.rule
         beaten = [np.mean(rule.compare(runs, runs.take(np.array([row]))) < 0) for row in range(len(runs))]
         top = runs.take(np.array([int(np.argmin(beaten))]))
         good = rule.compare(runs.take(np.array(rows)), top) <= 0
         return {"good": good.tolist(), "better": [float(beaten[row]) for row in rows]}
 
-    def _wanted(self, result: Runs) -> list[tuple[float, bool]]:
+    def _wanted(self, said: Findings, result: Runs) -> list[tuple[float, bool]]:
         """Return the certainty of each wish, and whether the worst value that was shown is noticed."""
         bank, history = self.agent.bank, self.agent.history
         shown = bank.kpis[bank.rows([s.theta for s in history.samples[: history.answered]])]
         found = []
-        for name, certainty in self.agent.wishes.items():
+        for name, certainty in said.wishes:
             values = shown[:, bank.names.index(name)]
             changed = _with(result, name, np.array([values[np.isfinite(values)].max()]))
             found.append((certainty, bool(self._person.rule.compare(result, changed)[0] < 0)))

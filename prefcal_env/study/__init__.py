@@ -18,6 +18,7 @@ from .file import studies_in_data_folder as studies_in_data_folder
 from .file import study_path as study_path
 from .fold import Adjusted as Adjusted
 from .fold import Answered as Answered
+from .fold import Concluded as Concluded
 from .fold import Created as Created
 from .fold import Dialed as Dialed
 from .fold import Ended as Ended

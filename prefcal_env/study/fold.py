@@ -374,6 +374,12 @@ class Ended(Event, frozen=True):
     reason: str
 
 
+class Concluded(Event, frozen=True):
+    """Keep what was said of the result of a study that is over, as plain data."""
+
+    findings: Mapping[str, Any]
+
+
 class Reopened(Event, frozen=True):
     """Continue the study after its end."""
 
@@ -507,6 +513,7 @@ class State:
         notes: Time and text of each remark.
         open: Id and event of the open question.
         ended: Why the study is over; None while it is not.
+        concluded: What was said of the result; None while it is not, and once the record is another one.
         reopened: Whether it was over before, and went on.
     """
 
@@ -522,6 +529,7 @@ class State:
     notes: tuple[tuple[str, str], ...] = ()
     open: tuple[int, Shown] | None = None
     ended: str | None = None
+    concluded: Mapping[str, Any] | None = None
     reopened: bool = False
 
     @property
@@ -558,9 +566,12 @@ def step(state: State, seq: int, at: str, event: Event) -> State:
     if rule is None:
         raise StudyError(f"event {seq}: there is no rule for {type(event).__name__}")
     try:
-        return rule(state, seq, at, event)
+        after = rule(state, seq, at, event)
     except ProtocolError as error:
         raise StudyError(f"event {seq} is impossible: {error}") from error
+    # What was said is true of one result alone: a retraction after the end can give another one.
+    same = after.history is state.history and after.ended == state.ended
+    return after if same else replace(after, concluded=None)
 
 
 def _require(holds: bool, seq: int, otherwise: str) -> None:
@@ -729,6 +740,11 @@ def _ended(state: State, _seq: int, _at: str, event: Ended) -> State:
     return replace(state, ended=event.reason, open=None)
 
 
+def _concluded(state: State, seq: int, _at: str, event: Concluded) -> State:
+    _require(state.ended is not None, seq, "the study is not over")
+    return replace(state, concluded=event.findings)
+
+
 def _reopened(state: State, _seq: int, _at: str, _event: Reopened) -> State:
     return replace(state, ended=None, reopened=True)
 
@@ -786,6 +802,7 @@ _RULES: Mapping[type[Event], Callable[[State, int, str, Any], State]] = {
     Noted: _noted,
     Extended: _extended,
     Ended: _ended,
+    Concluded: _concluded,
     Reopened: _reopened,
     Respaced: _respaced,
     Adjusted: _adjusted,

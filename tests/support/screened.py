@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from prefcal_agents.screening import findings
 from prefcal_agents.screening.agent import Screening
 from prefcal_app.session import Interview
 from prefcal_env.experiments.experiment import Experiment
@@ -35,9 +36,26 @@ def screening(
     return begin(scenario, n_max=n_max, path=path, agent=agent)
 
 
+def let_say(monkeypatch: Any, part: str = "_first", **fields: Any) -> list[object]:
+    """Let a part of all findings say this; return the agents that were asked so far.
+
+    The first part says it only where it has something of that kind to say.
+    """
+    worked_out, asked = getattr(findings, part), list[object]()
+
+    def said(agent: Screening, known: findings.Findings) -> findings.Findings:
+        asked.append(agent)
+        found = worked_out(agent, known)
+        every = part != "_first"
+        return replace(found, **{k: v for k, v in fields.items() if every or getattr(found, k) is not None})
+
+    monkeypatch.setattr(findings, part, said)
+    return asked
+
+
 def explained(interview: Interview) -> Interview:
     """The interview with its next question open and everything about it worked out."""
     proceed(interview)
-    while interview.known.screened() is None:
+    while interview.known.findings is None or interview.known.screened() is None:
         assert interview.work()
     return interview

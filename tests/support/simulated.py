@@ -2,7 +2,9 @@
 
 import numpy as np
 
+from prefcal_agents import Screening
 from prefcal_agents.people import Bank
+from prefcal_agents.screening.findings import Findings, findings
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.history import Comparison, History, Sample
@@ -45,3 +47,11 @@ def in_chain(bank, rows, answers):
     comparisons = [Comparison(0, None, Answer(None))]
     comparisons += [Comparison(k, k - 1, Answer.of(a)) for k, a in enumerate(answers, 1)]
     return History(samples, tuple(comparisons))
+
+
+def everything(agent: Screening, *, over: bool | None = None) -> Findings:
+    """All findings of an agent, part after part."""
+    found = findings(agent, over=over)
+    while not found.complete:
+        found = findings(agent, found, over=over)
+    return found

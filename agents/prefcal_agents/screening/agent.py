@@ -1,7 +1,6 @@
 """The agent Screening: simulate many θ unseen, show those that the answers leave undecided."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import ceil
 from typing import ClassVar, Self, final
 
@@ -25,91 +24,13 @@ from prefcal_agents.people import (
     noticed,
     now_and_next,
     overtaking,
-    trend,
     worth,
-)
-from prefcal_agents.result import (
-    Influence,
-    SmallerChange,
-    cautious,
-    influences,
-    noticed_worse,
-    others,
-    smaller_change,
-    stakes,
-    wishes,
 )
 from prefcal_agents.search import Tried
 from prefcal_env.knobs import KnobSpace
-from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.history import History
 
 from .bank import ENOUGH, Growth, Simulating, Simulations, Stage
-
-# --- Why a screening agent shows this experiment, as data that front ends put into words.
-
-_DIFFERS = 0.02  # share of what all differences count together below which that of a KPI is left out
-_NOTHING = 1e-9
-
-
-@dataclass(frozen=True, slots=True)
-class Reason:
-    """Why the challenger of the open query is shown.
-
-    Args:
-        chance: Probability that the person prefers it to the best so far, by what was learned.
-        better_in: Names of the KPIs in which it is better than the best so far, the one that
-            matters most first.
-        worse_in: Names of those in which it is worse, likewise.
-        kept: In a robust study, how many perturbed runs keep the limits before one does not.
-    """
-
-    chance: float
-    better_in: tuple[str, ...]
-    worse_in: tuple[str, ...]
-    kept: int | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class RobustResult:
-    """How the best θ of a robust study holds, and what that costs nominally.
-
-    Args:
-        kept: How many perturbed runs keep the limits before one does not.
-        costs: KPIs in which another θ is better that promises most, but does not hold; what matters
-            most first. The values are those of the best θ and of the other one, lower is better.
-    """
-
-    kept: int
-    costs: Mapping[str, tuple[float, float]]
-
-
-def reason_for(stage: Stage, new: int, best: int, history: History) -> Reason:
-    """Return why row `new` of the bank is compared with row `best`."""
-    names, utilities = stage.scale.names, stage.utilities
-    levels = utilities.levels(stage.logs[[new, best]])
-    parts = utilities.gains(levels, np.array([0]), np.array([1]))[:, :, 0]
-    shares = parts / (np.abs(parts).sum(axis=0) + _NOTHING)  # in orders one KPI decides
-    gains = shares.mean(axis=1).reshape(2, len(names)).sum(axis=0)  # and its limit
-    clear = np.abs(gains) > _DIFFERS * np.abs(gains).sum()
-    order = [int(kpi) for kpi in np.argsort(-np.abs(gains), kind="stable") if clear[kpi]]
-    return Reason(
-        float(chances(stage, best, history)[new]),
-        tuple(names[kpi] for kpi in order if gains[kpi] > 0),
-        tuple(names[kpi] for kpi in order if gains[kpi] < 0),
-    )
-
-
-def chances(stage: Stage, best: int, history: History) -> Float[np.ndarray, " m"]:
-    """Return how probably the person prefers each θ to row `best`, shape (m,).
-
-    Somebody who often sees no difference prefers the new one less often than the costs say, so the
-    chance is multiplied by the share of answers so far that prefer a side.
-    """
-    given = [c.answer.preference is not Preference.TIE for c in history.lessons()]
-    told = (sum(given) + 1) / (len(given) + 1)
-    return np.asarray(told * noticed(stage.costs[:, best, None] - stage.costs).mean(axis=0))
-
 
 # --- What can be said of a result: how many θ are noticeably better, for people unlike the draws, too.
 #
@@ -327,19 +248,13 @@ class Screening(Simulating):
 
     version: ClassVar[int] = 6
 
-    @property
-    def _growth(self) -> Growth:
-        return self.simulations.learned(
-            Growth, self.space, self.n_simulated, self.setup.seed, self.setup.settings.taste
-        )
-
     def _prepare(self) -> None:
         self._stages = Remembered(self._stage_after)
         self._evidences = Remembered(self._evidence_after)
 
     def _stage_after(self, history: History) -> Stage:
         with one_thread():
-            return self._growth.stage(history)
+            return self.growth.stage(history)
 
     # What people and programs look at.
 
@@ -351,38 +266,7 @@ class Screening(Simulating):
     @property
     def due(self) -> int:
         """Return the number of θ that are simulated by the time of the open query."""
-        return 0 if self._simulations is None else self._growth.due(self.history)
-
-    @property
-    def reason(self) -> Reason | None:
-        """Return why the challenger of the open query is shown; None if nothing is open to compare.
-
-        It simulates if needed.
-        """
-        query = None if self.done else self.ask()
-        if query is None or query.incumbent is None:
-            return None
-        stage = self._stages(self.history)
-        new, best = (_row(stage.bank, side.theta) for side in (query.challenger, query.incumbent))
-        if new is None or best is None:
-            return None
-        found = reason_for(stage, new, best, self.history)
-        if self.simulations.holds is None:
-            return found
-        return replace(found, kept=int(self.simulations.runs_kept(stage.bank.thetas[[new]])[0]))
-
-    @property
-    def chance_of_better(self) -> float:
-        """Return how probably the person prefers the most promising simulated θ to the best one.
-
-        It is one of those that were not shown. 1 before the first answer. It simulates if needed.
-        """
-        if self.best_index is None or not self.history.lessons():
-            return 1.0
-        stage = self._stages(self.history)
-        found = chances(stage, stage.bank.find(self.best), self.history)
-        found[stage.bank.rows([s.theta for s in self.history.samples[: self.history.answered]])] = 0.0
-        return float(found.max())
+        return 0 if self._simulations is None else self.growth.due(self.history)
 
     @property
     def evidence(self) -> Evidence | None:
@@ -410,106 +294,16 @@ class Screening(Simulating):
         found = self.evidence
         return None if found is None else Certificate.of(found)
 
-    @property
-    def trend(self) -> Float[np.ndarray, " n"] | None:
-        """Return how expected worth grows along each knob near the best θ; None before an answer.
-
-        None among given candidates, too, whose order means nothing. It simulates if needed.
-        """
-        if self.best_index is None or not self.history.lessons() or self.simulations.candidates is not None:
-            return None
-        stage = self._stages(self.history)
-        return trend(stage.bank.z, stage.costs, stage.bank.find(self.best))
+    def stage(self, history: History) -> Stage:
+        """Return what is known after `history`, which is remembered; it simulates if needed."""
+        return self._stages(history)
 
     @property
-    def influences(self) -> tuple[Influence, ...]:
-        """Return what the result would be if each answer were the other way round.
-
-        It simulates if needed.
-        """
-        past = self._past
-        return influences(self._growth.pool(past), past) if past.lessons() else ()
-
-    @property
-    def stakes(self) -> float | None:
-        """Return how probably the answer to the open query changes the best; None if nothing new is compared.
-
-        It simulates if needed.
-        """
-        query = None if self.done else self.ask()
-        if query is None or query.incumbent is None or query.further:
-            return None
-        past = self._past.with_pending(self.history.samples[query.challenger.index])
-        if _row(self.bank, query.challenger.theta) is None:
-            return None
-        return stakes(self._growth.pool(past), past, query.incumbent.index)
-
-    @property
-    def robustness(self) -> RobustResult | None:
-        """Return how the best θ so far holds, and what that costs; None if the study is not robust.
-
-        None before an answer that teaches, too. It simulates if needed.
-        """
-        if self.simulations.holds is None or self.best_index is None or not self.history.lessons():
-            return None
-        stage = self._stages(self.history)
-        bank = stage.bank
-        best, rival = bank.find(self.best), int(np.argmax(worth(stage.costs).mean(axis=0)))
-        kept, other = self.simulations.runs_kept(bank.thetas[[best, rival]]).tolist()
-        if rival == best or other == ENOUGH:
-            return RobustResult(kept, {})
-        names = reason_for(stage, rival, best, self._past).better_in
-        pairs = bank.kpis[[best, rival]][:, [bank.names.index(name) for name in names]].T
-        return RobustResult(kept, dict(zip(names, map(tuple, pairs.tolist()), strict=True)))
-
-    @property
-    def menu(self) -> dict[int, tuple[str, ...]]:
-        """Return rows of the bank that people like this one might prefer, with the KPIs that they gain.
-
-        The KPI that matters most comes first. There are up to two, as different as they can be; in a robust
-        study those that do not hold are left out. It simulates if needed.
-        """
-        if self.best_index is None or not self.history.lessons():
-            return {}
-        stage, past = self._stages(self.history), self._past
-        best = stage.bank.find(self.best)
-        rows = others(stage.costs, stage.logs, ~stage.bank.hopeless, best)
-        held = [row for row in rows if self._holds(stage.bank, row)]
-        return {row: reason_for(stage, row, best, past).better_in for row in held}
-
-    @property
-    def wishes(self) -> dict[str, float]:
-        """Return the KPIs that the person surely wanted better, with how sure; it simulates if needed."""
-        past = self._past
-        if self.best_index is None or not past.lessons():
-            return {}
-        stage = self._stages(self.history)
-        return wishes(self._growth.pool(past), past, stage.spread, stage.bank.find(self.best))
-
-    @property
-    def smaller_change(self) -> SmallerChange | None:
-        """Return the best θ with knobs as in the given start, so that people hardly notice; it simulates.
-
-        None without a given start, if no knob can be put back, and where experiments measured other
-        KPIs than those simulated.
-        """
-        past = self._past
-        if self.best_index is None or not self.setup.start or not past.lessons():
-            return None
-        stage = self._stages(self.history)
-        if stage.rough or not stage.scale.names:
-            return None
-        draws = cautious(self._growth.pool(past), past)
-
-        def chances(thetas: Float[np.ndarray, "p n"]) -> Float[np.ndarray, " p"]:
-            bank = self.with_simulated(thetas)
-            return noticed_worse(draws, stage.scale(bank, bank.rows([self.best, *thetas])))
-
-        return smaller_change(self.best, np.array(past.samples[0].theta), self.space, chances)
-
-    def with_simulated(self, thetas: Float[np.ndarray, "p n"]) -> Bank:
-        """Return the bank with more θ, physical, shape (p, n); it simulates them."""
-        return self._growth.extended(self.bank, self.space.encode_all(thetas), thetas)
+    def growth(self) -> Growth:
+        """Return the stages of the study and the draws of all its records. Raises as `simulations`."""
+        return self.simulations.learned(
+            Growth, self.space, self.n_simulated, self.setup.seed, self.setup.settings.taste
+        )
 
     def _holds(self, bank: Bank, row: int) -> bool:
         """Return whether a row keeps the limits in all perturbed runs; without `holds` any does."""
@@ -567,7 +361,7 @@ class Screening(Simulating):
         if self.simulations.candidates is None and without_kpis(history, stage):
             others = self.simulations.learned(BeyondKPIs, self.space, self.setup.seed)
             beyond = tried.fresh(others.propose(history, stage), rng)
-            if self._growth.works(beyond):
+            if self.growth.works(beyond):
                 return beyond
         if stage.rough and history.answered % _OPEN == 0:
             found = _open_minded(stage, history, rng)

@@ -3,7 +3,7 @@
 import shlex
 import signal
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from hashlib import sha256
@@ -40,7 +40,7 @@ from prefcal_env.compiling import Compiling
 from prefcal_env.disk import digest_of
 from prefcal_env.errors import RecordError, RunError, SettingsError, SimulationError, StudyError
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.study import State, study_path, to_text
+from prefcal_env.study import Concluded, State, study_path, to_text
 from prefcal_env.study.file import simulated_beside
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.described.description import listed, words_to_resume
@@ -146,7 +146,8 @@ def record_of(
     winners = state.history.incumbents()  # after each closed query; the last is the best now
     waiting = sorted(index for index in state.finished if index >= state.history.answered)
     kept = Path(interview.file.path)
-    times = [recorded.at for recorded in interview.file.events()]
+    # What prefcal says of the result comes when it is ready, which is nothing that anybody did.
+    times = [each.at for each in interview.file.events() if not isinstance(each.event, Concluded)]
     return StudyRecord(
         scenario=interview.scenario,
         source=options.scenario,
@@ -242,10 +243,15 @@ def show(record: StudyRecord, report: Path, console: Console) -> None:
         console.print(shown)
         if gain["before"]:
             say(console, gain["back"])
-    if record.outlook is not None:
-        for line in record.outlook.lines:
-            console.print(line, soft_wrap=True, markup=False, highlight=False)
+    show_outlook(record, console)
     console.print(Text.assemble("Report: ", (str(report), "bold")), soft_wrap=True)
+
+
+def show_outlook(record: StudyRecord, console: Console, said: Sequence[str] = ()) -> None:
+    """Print whether to continue, and what is said of the result; not again what was `said`."""
+    for line in () if record.outlook is None else record.outlook.lines:
+        if line not in said:
+            console.print(line, soft_wrap=True, markup=False, highlight=False)
 
 
 def _drawn(title: str, table: Mapping[str, Any]) -> Table:
@@ -273,7 +279,7 @@ def plain(text: str) -> str:
 
 # --- An open study with all that works on it: its interview, its simulator and its report.
 
-_KNOWN = 2.0  # longest wait, in seconds, for what a screening agent expects of its simulations in the end
+_KNOWN = 2.0  # longest wait, in seconds, for what is said of a result before its first report is written
 
 
 @dataclass(frozen=True, slots=True)
@@ -351,6 +357,15 @@ class Calibration:
         """Print one line for the user, whatever is in it."""
         say(self.messages, text)
 
+    def wait_for_findings(self) -> None:
+        """Wait for all that is said of the result, with a word if that takes a while."""
+        known = self.interview.known
+        if not self.over or known.wait_for_findings(_KNOWN):
+            return
+        self.say("Working out what the answers say of the result ... (Ctrl-C goes without)")
+        while self.over and not self.interview.is_closed and not known.wait_for_findings(_KNOWN):
+            pass
+
     def write(self, *, failed: bool = False) -> StudyRecord:
         """Write the report of the study as it stands, if there is anything to report.
 
@@ -362,7 +377,6 @@ class Calibration:
             StudyError: If it cannot be written, for example because the disk is full.
         """
         options, scenario, wanted = self.options, self.interview.scenario, self.reportable
-        self.interview.known.wait_for_screened(_KNOWN)
         self.interview.known.foresight(learn=True)
         shown = {} if failed or not wanted else references(scenario, options.seed, self.say)
         record, trouble = record_of(self.interview, options, shown, self.opened.name).costed()
@@ -654,7 +668,7 @@ def _in_window(work: Calibration, ctrl_c: Interruption) -> None:
     # Imported here: unattended runs need no web server.
     from prefcal_app.web import Window, open_browser
 
-    options, told = work.options, None
+    options, telling = work.options, _Telling(work)
     links = work.messages.file if options.json else None
     with (
         Window(
@@ -673,27 +687,60 @@ def _in_window(work: Calibration, ctrl_c: Interruption) -> None:
             work.say("No browser found: open the link yourself, or answer here with --terminal.")
         with suppress(KeyboardInterrupt), ctrl_c.allowed():
             while not window.closed.wait(0.1):
-                over, result = work.over, work.result
-                if told not in (None, result):
-                    window.reports = told = None  # it is of the result before
-                    ctrl_c.on_press = lambda: _say_stopping(work)
-                if over and told is None:
-                    _tell_in_passing(work)
-                    window.reports, told = work.claim.folder, result
-                    ctrl_c.on_press = lambda: work.say("Closing ...")
+                window.reports = telling.follow(ctrl_c)
                 away = window.away()
-                if over and away is not None and away > GONE and not window.verifying:
+                if work.over and away is not None and away > GONE and not window.verifying:
                     break
-    if options.json or told != work.result:
-        work.tell(work.write())
+            work.wait_for_findings()
+    telling.end()
 
 
-def _tell_in_passing(work: Calibration) -> None:
-    """Write the report of a finished study while its page is still open."""
-    record = work.write()
-    if not work.options.json:
-        work.tell(record)
-    work.say("The study is finished. The command ends when you close its page, or with Ctrl-C.")
+@dataclass(slots=True)
+class _Telling:
+    """What was said of a finished study, and written in its report, while its page is still open.
+
+    The report comes at once; what takes longer than people wait is added to it.
+    """
+
+    work: Calibration
+    result: tuple[int | None, int, bool] | None = None  # what the report is about
+    said: Sequence[str] = ()
+    whole: bool = False  # whether that is all
+
+    def follow(self, ctrl_c: Interruption) -> Path | None:
+        """Write what is not written yet; return the folder of the report, None while there is none."""
+        work, result = self.work, self.work.result
+        if self.result not in (None, result):
+            self.result = None  # the report is of the result before
+            ctrl_c.on_press = lambda: _say_stopping(work)
+            return None
+        _, _, over = result
+        if over and self.result is None:
+            self.whole = work.interview.known.wait_for_findings(_KNOWN)
+            record = work.write()
+            if not work.options.json:
+                work.tell(record)
+            work.say("The study is finished. The command ends when you close its page, or with Ctrl-C.")
+            self.said = () if record.outlook is None else record.outlook.lines
+            self.result = result
+            ctrl_c.on_press = lambda: work.say("Closing ...")
+        elif over:
+            self._add()
+        return work.claim.folder if over else None
+
+    def end(self) -> None:
+        """Write and print the result, unless it is of a finished study, about which all is said."""
+        if self.work.options.json or self.result != self.work.result:
+            self.work.tell(self.work.write())
+        else:
+            self._add()
+
+    def _add(self) -> None:
+        if self.whole or not self.work.interview.known.is_told:
+            return
+        self.whole, record = True, self.work.write()
+        if not self.work.options.json:
+            show_outlook(record, Console(emoji=False), self.said)
 
 
 def _in_terminal(work: Calibration, ctrl_c: Interruption) -> None:
@@ -702,6 +749,7 @@ def _in_terminal(work: Calibration, ctrl_c: Interruption) -> None:
     console = work.messages if work.options.json else Console(emoji=False)
     with Background(work.interview), suppress(KeyboardInterrupt), ctrl_c.allowed():
         converse(work.interview, console)
+        work.wait_for_findings()
     work.tell(work.write())
 
 

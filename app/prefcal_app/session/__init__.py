@@ -4,7 +4,6 @@ The page, the terminal and unattended runs drive the same `Interview`. Whatever 
 already in the study file.
 """
 
-from prefcal_app.simulating import Basis as Basis
 from prefcal_app.simulating import Simulated as Simulated
 from prefcal_app.summary import Consistency as Consistency
 from prefcal_app.summary import Counts as Counts

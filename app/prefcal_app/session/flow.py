@@ -3,7 +3,7 @@
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
@@ -12,8 +12,9 @@ from jaxtyping import Float
 
 from prefcal_agents import GLISp
 from prefcal_agents.agent import Agent
-from prefcal_app.simulating import Basis, Simulator, past_of
-from prefcal_env.errors import PrefcalError, RunError, ScenarioError, SettingsError, StaleError
+from prefcal_agents.screening.findings import Findings
+from prefcal_app.simulating import Screened, Simulator, past_of
+from prefcal_env.errors import PrefcalError, RunError, ScenarioError, SettingsError, StaleError, StudyError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs import theta_key
 from prefcal_env.preferences.answer import Answer, Preference, completed
@@ -55,7 +56,7 @@ class Prefetch:
     What the agent would ask next is remembered by the agent itself.
     """
 
-    _bases: dict[Answer, Basis | None] = field(default_factory=dict)
+    _screened: dict[Answer, Screened | None] = field(default_factory=dict)
     _tried: set[Answer] = field(default_factory=set)
     _experiments: OrderedDict[bytes, Experiment] = field(default_factory=OrderedDict)
     _failures: dict[bytes, Exception] = field(default_factory=dict)
@@ -63,10 +64,8 @@ class Prefetch:
     """θ that a copy proposes and that should run next, physical, shape (n,)."""
     busy: Answer | None = None
     """Answer that a copy is learning now, in the background."""
-    explained: bool = False
-    """Whether the basis of the open question was looked for."""
-    told: bool = False
-    """Whether what its answer can change was looked for, or what the result rests on."""
+    silent: bool = False
+    """Whether what is said of the open question or the result could not be worked out."""
 
     def missing(self, asked: Question, most: int = len(LIKELY)) -> Answer | None:
         """Return the next of the `most` likeliest answers to `asked`; None if all were tried."""
@@ -77,21 +76,21 @@ class Prefetch:
                 return answer
         return None
 
-    def keep_basis(self, answer: Answer, basis: Basis | None) -> None:
+    def keep_screened(self, answer: Answer, screened: Screened | None) -> None:
         """Keep what the question after `answer` would be chosen from."""
-        self._bases[answer] = basis
+        self._screened[answer] = screened
 
-    def take(self, answer: Answer) -> Basis | None:
+    def take(self, answer: Answer) -> Screened | None:
         """Return what the question after `answer` is chosen from, and drop the others."""
-        basis = self._bases.get(answer)
+        screened = self._screened.get(answer)
         self.forget()
-        return basis
+        return screened
 
     def forget(self) -> None:
         """Drop what likely answers lead to, since the question has changed."""
-        self._bases.clear()
+        self._screened.clear()
         self._tried.clear()
-        self.next, self.explained, self.told = None, False, False
+        self.next, self.silent = None, False
 
     def keep(self, theta: Float[np.ndarray, " n"], experiment: Experiment) -> None:
         """Keep the experiment of the requested θ; the plant may report a rounded one."""
@@ -125,24 +124,24 @@ class Thoughts:
     twin: Scenario | None = None
     """Model that θ are simulated on; None if that is the scenario itself."""
     prefetch: Prefetch = field(default_factory=Prefetch)
-    basis: Basis | None = None
+    screened: Screened | None = None
     """What the latest question was chosen from, by simulations."""
     about: History | None = None
     """The record whose next query is being chosen in the background."""
 
-    def grounds(self, agent: Agent) -> Basis | None:
+    def grounds(self, agent: Agent) -> Screened | None:
         """Return what the open question of `agent` was chosen from; None while it is not known."""
-        basis = self.basis
-        if basis is None or basis.past != past_of(agent):
+        known = self.screened
+        if known is None or known.past != past_of(agent):
             return None
         # The person may have asked for another challenger since.
-        return basis if basis.pending == agent.history.pending else None
+        return known if known.pending == agent.history.pending else None
 
     def take(self, answer: Answer) -> None:
         """Go on with what was thought of the case that this answer is given."""
         if self.simulator is not None and self.prefetch.busy not in (None, answer):
             self.simulator.abandon()
-        self.basis = self.prefetch.take(answer) or self.basis
+        self.screened = self.prefetch.take(answer) or self.screened
 
     def resume(self) -> None:
         """Let simulations begin again."""
@@ -376,6 +375,18 @@ class Flow:
         """Return the study at this moment."""
         simulates = self.thoughts.simulator is not None
         return Study(self.agent, self.agent.history, self.state, self.at_once, simulates)
+
+    @property
+    def findings(self) -> Findings | None:
+        """Return what is said of the open question or the result; None while it is not worked out.
+
+        What was said at the end stays: it is kept in the study file.
+        """
+        if self.state.concluded is not None:
+            with suppress(StudyError):  # another version of prefcal said it: it is worked out anew
+                return Findings.from_dict(self.state.concluded)
+        known = self.thoughts.grounds(self.agent)
+        return None if known is None else known.findings
 
     def append(self, *events: Event | tuple[Finished, Experiment]) -> tuple[int, ...]:
         """Save events before anything follows from them; return their numbers.

@@ -12,7 +12,8 @@ from prefcal_agents import GLISp
 from prefcal_agents.glisp.agent import Foresight
 from prefcal_agents.learned_cost import LearnedCost
 from prefcal_agents.screening.agent import Screening
-from prefcal_app.simulating import Screened, Simulated, Simulator, named_twin
+from prefcal_agents.screening.findings import Findings
+from prefcal_app.simulating import Screened, Simulated, Simulator, named_twin, promise, told
 from prefcal_app.summary import (
     Consistency,
     Counts,
@@ -366,9 +367,8 @@ class Known:
     def _promise(self) -> str | None:
         """Return what the simulated θ still promise; empty without any, None if too early."""
         if self.screens:
-            screened = self.screened()
-            prospect = None if screened is None else screened.prospect
-            return None if prospect is None else prospect.text
+            found = self.findings
+            return (promise(found) or None) if found is not None else None
         with self._guarded.reading() as flow:
             closed = flow.state.history.comparisons
         return self.promise if sum(c.verdict is not None for c in closed) >= _LEAST else None
@@ -402,9 +402,9 @@ class Known:
             state, place, by_value = flow.state, flow.file.path, flow.agent.by_value
         space = self._scenario().space
         found = outlook(promise, best.theta, space, place, state, missed=self.missed, helps=self._helps)
-        screened = self.screened()
-        if screened is not None and state.ended:
-            found = replace(found, result=screened.result(self._scenario()))
+        said = self.findings
+        if said is not None and state.ended:
+            found = replace(found, result=told(said, self._scenario()))
         if not by_value:
             found = replace(found, unbeaten=others_unbeaten(state.history, robust=is_robust(state)))
         return found if found.sentences else None
@@ -412,8 +412,7 @@ class Known:
     def _helps(self, knob: int, upper: bool) -> bool:
         """Return whether the model expects that going beyond an end of a knob's range helps."""
         if self.screens:
-            screened = self.screened()
-            trend = None if screened is None else screened.basis.trend
+            trend = None if self.findings is None else self.findings.trend
             return trend is not None and bool(trend[knob] > 0) == upper
         surrogate, best = self.surrogate, self._best()
         if surrogate is None or best is None:
@@ -439,32 +438,43 @@ class Known:
         with self._guarded.reading() as flow:
             return isinstance(flow.agent, Screening)
 
-    def screened(self, *, current: bool = True) -> Screened | None:
-        """Return what a screening agent knows; None for other agents and before it is worked out.
+    @property
+    def findings(self) -> Findings | None:
+        """Return what is said of the open question or, at the end, of the result.
 
-        With `current`, what it knew before the latest answer counts as unknown.
+        None for agents that simulate nothing, and before it is worked out.
         """
         with self._guarded.reading() as flow:
-            basis = flow.thoughts.grounds(flow.agent) if current else flow.thoughts.basis
-            return None if basis is None else Screened(flow.agent.space, basis)
+            return flow.findings
 
-    def wait_for_screened(self, timeout: float) -> Screened | None:
-        """Return what a screening agent knows, as soon as that is known; None after `timeout` s.
+    def screened(self, *, current: bool = True) -> Screened | None:
+        """Return what was simulated; None for other agents and before it is known.
+
+        With `current`, what was known before the latest answer counts as unknown.
+        """
+        with self._guarded.reading() as flow:
+            return flow.thoughts.grounds(flow.agent) if current else flow.thoughts.screened
+
+    @property
+    def is_told(self) -> bool:
+        """Return whether all is said that will be, of the open question or of the result."""
+        with self._guarded.reading() as flow:
+            over, found = flow.phase is Phase.OVER, flow.findings
+            if flow.thoughts.simulator is None or flow.thoughts.prefetch.silent:
+                return True
+            return found is not None and (not over or (found.over and found.complete))
+
+    def wait_for_findings(self, timeout: float | None) -> bool:
+        """Wait until `is_told`, or for `timeout` s, None for any time; return whether it is.
 
         It does not wait if nothing works in the background.
         """
         guarded = self._guarded
         with guarded.changed:
-            comes = self.screens and guarded.has_background
-            guarded.changed.wait_for(lambda: not comes or guarded.closing or self._worked_out(), timeout)
-            return self.screened()
-
-    def _worked_out(self) -> bool:
-        """Return whether it is known what the question was chosen from and, at the end, all else."""
-        screened = self.screened()
-        with self._guarded.reading() as flow:
-            over = flow.phase is Phase.OVER
-        return screened is not None and (not over or screened.told_result)
+            guarded.changed.wait_for(
+                lambda: self.is_told or guarded.closing or not guarded.has_background, timeout
+            )
+            return self.is_told
 
     @property
     def index(self) -> LearnedCost | None:
@@ -482,15 +492,15 @@ class Known:
 
 def simulated(flow: Flow) -> Simulated | None:
     """Return how many θ were simulated unseen; None if the agent simulates nothing."""
-    simulator, basis = flow.thoughts.simulator, flow.thoughts.basis
+    simulator, screened = flow.thoughts.simulator, flow.thoughts.screened
     if simulator is None or not isinstance(flow.agent, Screening):
         return None
     planned = flow.agent.n_simulated
     # What was simulated for answers that were not given is not counted.
     shown = len(flow.state.finished)
     count, failed = min(simulator.count, planned), simulator.failed
-    if basis is not None:
-        count, failed = len(basis.bank), int(basis.bank.failed.sum())
+    if screened is not None:
+        count, failed = len(screened.bank), int(screened.bank.failed.sum())
     # Equal θ run once: where nothing is simulated any more, fewer than that were.
     twin, due = flow.thoughts.twin is not None, flow.agent.due if simulator.busy else 0
     return Simulated(count, planned, failed, shown, twin=twin, due=due)
@@ -738,7 +748,7 @@ class Interview:
     def _simulating(self) -> None:
         """Tell front ends how far the simulations are while they say nothing else."""
         with self._guarded.changing() as flow:
-            if flow.phase is Phase.RUNNING or flow.thoughts.basis is None:
+            if flow.phase is Phase.RUNNING or flow.thoughts.screened is None:
                 flow.version += 1
 
 

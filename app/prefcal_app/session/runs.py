@@ -2,7 +2,8 @@
 
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
@@ -10,13 +11,15 @@ from jaxtyping import Float
 
 from prefcal_agents.agent import Agent
 from prefcal_agents.screening.agent import Screening
-from prefcal_app.simulating import Abandoned, Basis, Carried
+from prefcal_agents.screening.findings import findings
+from prefcal_app.simulating import Abandoned, Screened
 from prefcal_env.errors import KnobError, RecordError, RunError, ScenarioError, StaleError, StudyError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs import theta_key
 from prefcal_env.preferences.answer import Outcome, counts_as_unsafe
 from prefcal_env.sources import Run, Table
 from prefcal_env.study import (
+    Concluded,
     Dialed,
     Ended,
     Extended,
@@ -49,14 +52,14 @@ def think(flow: Flow) -> Attempt:
 
     def choose() -> Callable[[], None]:
         try:
-            basis = _basis(flow, twin)
+            screened = _screened(flow, twin)
         except Abandoned:
             return lambda: None
 
         def keep() -> None:
             flow.thoughts.about = None
             if flow.agent.history == history and flow.phase is Phase.RUNNING:
-                flow.thoughts.basis = basis or flow.thoughts.basis
+                flow.thoughts.screened = screened or flow.thoughts.screened
                 # A question that was already open, before a restart, stays open under its id.
                 flow.resume()
 
@@ -83,7 +86,7 @@ def look_ahead(flow: Flow, asked: Question) -> Attempt | None:
         try:
             twin.tell(query, answer)
             told = twin.history
-            basis = _basis(flow, twin)
+            screened = _screened(flow, twin)
             theta = None if twin.done else twin.ask().challenger.theta
         except Exception:
             return lambda: _rest(flow)
@@ -91,13 +94,13 @@ def look_ahead(flow: Flow, asked: Question) -> Attempt | None:
         def keep() -> None:
             _rest(flow)
             if flow.question is asked:
-                flow.thoughts.prefetch.keep_basis(answer, basis)
+                flow.thoughts.prefetch.keep_screened(answer, screened)
                 if theta is not None and not _is_known(flow, theta):
                     flow.thoughts.prefetch.next = theta
                 return
             waits = flow.phase is Phase.RUNNING and flow.agent.history.pending is None
             if waits and flow.agent.history == told:  # the answer came meanwhile, and it is this one
-                flow.thoughts.basis = basis or flow.thoughts.basis
+                flow.thoughts.screened = screened or flow.thoughts.screened
                 flow.proceed()
 
         return keep
@@ -112,67 +115,59 @@ def is_unexplained(flow: Flow) -> bool:
     """
     thoughts = flow.thoughts
     unknown = thoughts.simulator is not None and thoughts.grounds(flow.agent) is None
-    return unknown and not thoughts.prefetch.explained
+    return unknown and not thoughts.prefetch.silent
 
 
-def explain(flow: Flow) -> Attempt:
-    """Find out what the open question was chosen from. Errors are ignored: it can be answered."""
-    flow.thoughts.prefetch.explained = True
-    return _looking(flow, Basis.of)
+def is_unsaid(flow: Flow) -> bool:
+    """Return whether something is left to be said of the open question or, at the end, of the result."""
+    known, found = flow.thoughts.grounds(flow.agent), flow.findings
+    if known is None or found is None or flow.thoughts.prefetch.silent:
+        return is_unexplained(flow)
+    return not found.complete or found.over is not (flow.phase is Phase.OVER)
 
 
-def is_untold(flow: Flow) -> bool:
-    """Return whether it is not worked out what the answer can change or, at the end, what was wanted."""
-    known = flow.thoughts.grounds(flow.agent)
-    if known is None or flow.thoughts.prefetch.told:
-        return False
-    carried, over = known.carried, flow.phase is Phase.OVER
-    return carried is None or not carried.complete or carried.over is not over
+def say(flow: Flow) -> Attempt:
+    """Work out the next part of what is said of the open question or, at the end, of the result.
 
-
-def tell(flow: Flow) -> Attempt:
-    """Work out what the answer can change or, at the end, what was wanted; nothing after an error."""
-    known, over = flow.thoughts.grounds(flow.agent), flow.phase is Phase.OVER
-    assert known is not None
-    carried = None if known.carried is None or known.carried.over is not over else known.carried
-    flow.thoughts.prefetch.told = not over or carried is not None  # else the smaller change comes next
-
-    def told(twin: Screening) -> Basis:
-        try:
-            return known.completed(twin) if carried else replace(known, carried=Carried.of(twin, over=over))
-        except Exception:
-            failed = carried or Carried(over, None, None, {}, {})
-            return replace(known, carried=replace(failed, complete=True))
-
-    return _looking(flow, told)
-
-
-def _looking(flow: Flow, look: Callable[[Screening], Basis]) -> Attempt:
-    """Look at a copy of the agent; keep what is found if the question is still the same."""
-    asked, twin = flow.question, cast(Screening, flow.agent.copy())
+    Errors are ignored: the question can be answered, and the result is one without it.
+    """
+    asked, twin, found = flow.question, cast(Screening, flow.agent.copy()), flow.findings
+    over, explains = flow.phase is Phase.OVER, is_unexplained(flow)
     flow.thoughts.resume()
 
-    def advance() -> Callable[[], None]:
-        try:
-            basis = look(twin)
-        except Exception:
-            return lambda: None
+    def work_out() -> Callable[[], None]:
+        screened = None
+        with suppress(Exception):
+            # After a restart, what was said is known, but not what was simulated.
+            more = found if explains and found is not None else findings(twin, found, over=over)
+            screened = Screened.of(twin, more)
 
         def keep() -> None:
-            if flow.question is asked:
-                flow.thoughts.basis = basis
-                flow.version += 1
+            if flow.question is not asked:
+                return
+            flow.thoughts.screened = screened or flow.thoughts.screened
+            flow.thoughts.prefetch.silent = screened is None
+            flow.version += 1
+            _conclude(flow)
 
         return keep
 
-    return advance
+    return work_out
+
+
+def _conclude(flow: Flow) -> None:
+    """Keep what is said of the result in the study file, once that is all."""
+    found, over = flow.findings, flow.phase is Phase.OVER and flow.state.concluded is None
+    if over and found is not None and found.over and found.complete:
+        with suppress(StudyError):  # it is shown all the same, and follows from the record
+            flow.append(Concluded(found.to_dict()))
 
 
 def _rest(flow: Flow) -> None:
     flow.thoughts.prefetch.busy = None
 
 
-def _basis(flow: Flow, twin: Agent) -> Basis | None:
+def _screened(flow: Flow, twin: Agent) -> Screened | None:
     """Let `twin` choose its next query; return what it was chosen from, if it simulates.
 
     A question can be answered without its reason, so no error of that is raised; one of the
@@ -186,7 +181,7 @@ def _basis(flow: Flow, twin: Agent) -> Basis | None:
     screening = cast(Screening, twin)
     _ = screening.bank
     try:
-        return Basis.of(screening)
+        return Screened.of(screening)
     except Abandoned:
         raise
     except Exception:
@@ -349,17 +344,17 @@ def due(flow: Flow, *, ahead: bool) -> Attempt | None:
         if flow.at_once > 1:
             return _beside(flow) if flow.proposed else lambda: lambda: _go_on_running(flow)
         return _running(flow, pending)
-    if flow.phase in (Phase.QUESTION, Phase.OVER) and is_unexplained(flow):
-        return explain(flow)
-    if flow.phase is Phase.OVER and is_untold(flow):
-        return tell(flow)
+    if flow.phase is Phase.QUESTION and is_unexplained(flow):
+        return say(flow)
+    if flow.phase is Phase.OVER and is_unsaid(flow):
+        return say(flow)
     if flow.at_once > 1:
         return _beside(flow) if flow.phase in (Phase.QUESTION, Phase.FAILED) else None
     if flow.phase is not Phase.QUESTION:
         return None
     looking = _looking_ahead(flow) if ahead and not underway.source.asks else None
-    if looking is None and is_untold(flow):
-        return tell(flow)
+    if looking is None and is_unsaid(flow):
+        return say(flow)
     return looking
 
 

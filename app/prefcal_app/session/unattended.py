@@ -35,6 +35,7 @@ class Background:
         ]
 
     def __enter__(self) -> Self:
+        self._interview.wait_for_work(0.0)  # from now on others may wait for what is worked out here
         for thread in self._threads:
             thread.start()
         return self

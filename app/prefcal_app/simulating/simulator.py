@@ -5,7 +5,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from hashlib import sha256
 from itertools import zip_longest
@@ -20,11 +20,11 @@ from jaxtyping import Float
 from prefcal_agents.agent import Agent
 from prefcal_agents.people import Bank
 from prefcal_agents.registry import CLASSES
-from prefcal_agents.result import Influence, SmallerChange, decisive
-from prefcal_agents.screening.agent import Certificate, Reason, RobustResult, Screening
+from prefcal_agents.screening.agent import Screening
+from prefcal_agents.screening.findings import Findings, findings, simulated_for
 from prefcal_env.disk import whole_file
 from prefcal_env.errors import SettingsError
-from prefcal_env.knobs import theta_key, theta_keys
+from prefcal_env.knobs import KnobSpace, theta_key, theta_keys
 from prefcal_env.preferences.answer import Outcome
 from prefcal_env.preferences.history import History, Sample
 from prefcal_env.study import knobs_as_dicts, within_as_dict
@@ -192,81 +192,42 @@ def _kpis(scenario: Scenario) -> list[str]:
     return [kpi.name for kpi in scenario.kpis if kpi.goal is not None]
 
 
-# --- What the open question was chosen from: the simulated θ, and why this one is shown.
+# --- What the open question was chosen from: the simulated θ, and what is said of it.
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Carried:
-    """What carries a result, and what is near it. It is worked out while nobody waits.
+class Screened:
+    """What a screening agent knows after a record.
 
     Args:
-        over: Whether it is about the result of a study that is over.
-        stakes: Chance that the answer to the open question changes the best; None without one.
-        decisive: The doubtful answer that carries the result; None if none alone does.
-        menu: Rows of the bank that the person might prefer to the result, with the KPIs they gain.
-        wishes: KPIs that the person wanted better by the answers, with how sure that is.
-        robustness: How the result of a robust study holds, and what that costs.
-        smaller: The result with knobs as in the current tuning; None if none can be.
-        complete: Whether `smaller` is worked out, which takes more simulations.
-    """
-
-    over: bool
-    stakes: float | None
-    decisive: Influence | None
-    menu: Mapping[int, Sequence[str]]
-    wishes: Mapping[str, float]
-    robustness: RobustResult | None = None
-    smaller: SmallerChange | None = None
-    complete: bool = True
-
-    @classmethod
-    def of(cls, agent: Screening, *, over: bool) -> "Carried":
-        """Return what is to be said of the open question or, if the study is over, of the result."""
-        if not over:
-            return cls(False, agent.stakes, None, {}, {})
-        best = agent.best_index
-        found = None if best is None else decisive(agent.influences, best)
-        told = found if found and found.doubtful else None, agent.menu, agent.wishes, agent.robustness
-        return cls(True, None, *told, complete=not agent.setup.start)
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Basis:
-    """What a question was chosen from.
-
-    Args:
-        past: Record that it follows from: samples and answers before the question.
-        pending: Its challenger; None for a follow-up question and after the last one.
+        space: Knobs of the study.
+        past: Record that it follows from: samples and answers before the open question.
+        pending: Challenger of that question; None for a follow-up question and after the last one.
         bank: Simulated θ with their KPIs.
-        reason: Why its challenger is shown; None without a comparison.
-        chance_of_better: Probability that the person prefers the most promising simulated θ.
-        trend: How expected worth grows along each knob near the best; None if it is not known.
-        certificate: What can be said of the best so far; None while nothing can.
-        carried: What carries the result; None while it is not worked out.
+        findings: What is said of the open question, or of the result.
     """
 
+    space: KnobSpace
     past: History
     pending: Sample | None
     bank: Bank
-    reason: Reason | None
-    chance_of_better: float
-    trend: Float[np.ndarray, " n"] | None = None
-    certificate: Certificate | None = None
-    carried: Carried | None = None
-
-    def completed(self, agent: Screening) -> "Basis":
-        """Return this with the smaller change that `agent` simulates, which is then in the bank."""
-        assert self.carried is not None
-        smaller = agent.smaller_change
-        bank = self.bank if smaller is None else agent.with_simulated(np.array([smaller.theta]))
-        return replace(self, bank=bank, carried=replace(self.carried, smaller=smaller, complete=True))
+    findings: Findings
 
     @classmethod
-    def of(cls, agent: Screening) -> "Basis":
-        """Return the basis of the open question of `agent`, which simulates what is missing."""
-        bank, reason = agent.bank, None if agent.done else agent.reason
-        chance, trend = agent.chance_of_better, agent.trend
-        return cls(past_of(agent), agent.history.pending, bank, reason, chance, trend, agent.certificate)
+    def of(cls, agent: Screening, found: Findings | None = None) -> "Screened":
+        """Return what `agent` knows, by default of its open question; it simulates what is missing."""
+        found = findings(agent) if found is None else found
+        bank = simulated_for(agent, found)
+        return cls(agent.space, past_of(agent), agent.history.pending, bank, found)
+
+    def row(self, theta: Float[np.ndarray, " n"]) -> int | None:
+        """Return the row of the bank that a person cannot tell from θ, shape (n,); None if none.
+
+        An equal one comes first: many θ are not rounded to the same last digits as a single one.
+        """
+        equal = np.all(self.bank.thetas == theta, axis=1)
+        same = equal if equal.any() else self.space.close(theta, self.bank.thetas)
+        return int(np.argmax(same)) if same.any() else None
 
 
 def past_of(agent: Agent) -> History:

@@ -1,21 +1,15 @@
-"""What simulations say of a question and of a result."""
+"""Put into words what is found of a question and of a result."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import inf
 
-import numpy as np
-from jaxtyping import Float
-
-from prefcal_agents.people import Bank
 from prefcal_agents.result import Influence, SmallerChange
-from prefcal_agents.screening.agent import MOST, Certificate, Reason, RobustResult
+from prefcal_agents.screening.agent import MOST, Certificate
 from prefcal_agents.screening.bank import ENOUGH
+from prefcal_agents.screening.findings import Alternative, Findings, Reason, RobustResult
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.knobs import KnobSpace
 from prefcal_scenarios.scenario import Scenario
-
-from .simulator import Basis, Carried
 
 # --- Say in one sentence why an experiment is shown, what the answer can change, and what was wanted.
 
@@ -158,7 +152,7 @@ def robust(found: RobustResult, scenario: Scenario) -> Iterator[str]:
     """Yield how the result holds and what that costs, a sentence each."""
     yield _held(found.kept, "The result")
     kpis, parts = {kpi.name: kpi for kpi in scenario.kpis}, list[str]()
-    for name, (ours, theirs) in found.costs.items():
+    for name, ours, theirs in found.costs:
         share = (ours - theirs) / abs(theirs) if theirs else inf
         if _LEAST <= share < inf:
             title = kpis[name].title if name in kpis else name.replace("_", " ")
@@ -167,17 +161,17 @@ def robust(found: RobustResult, scenario: Scenario) -> Iterator[str]:
     yield f"Robustness costs {costs if parts else 'nothing noticeable'}."
 
 
-def menu_names(menu: Mapping[int, Sequence[str]], scenario: Scenario) -> dict[int, str]:
-    """Return the name of each candidate on the menu, by the KPI that it gains, none twice if possible.
+def menu_names(menu: Sequence[Alternative], scenario: Scenario) -> list[str]:
+    """Return the name of each θ on the menu, by the KPI that it gains, none twice if possible.
 
     Args:
-        menu: Rows of the bank, with the KPIs in which each is better than the result.
+        menu: θ that the person might prefer to the result.
         scenario: Scenario that has the titles of the KPIs.
     """
-    named, found = _namer(scenario), dict[int, str]()
-    for row, gained in menu.items():
-        names = [named(name, True) for name in gained] or ["another"]
-        found[row] = next((name for name in names if name not in found.values()), names[0])
+    named, found = _namer(scenario), list[str]()
+    for other in menu:
+        names = [named(name, True) for name in other.better_in] or ["another"]
+        found.append(next((name for name in names if name not in found), names[0]))
     return found
 
 
@@ -188,54 +182,58 @@ def wanted(wishes: Mapping[str, float], scenario: Scenario) -> str:
     return f"The answers fit these wishes: {words}." if words else ""
 
 
-# --- Read what a question was chosen from, for people, and when to offer to stop.
+def told(found: Findings, scenario: Scenario) -> tuple[str, ...]:
+    """Return how the result holds, what was wanted, what it rests on, and what need not change.
+
+    Empty while not known.
+    """
+    if not found.over or found.parts < 2:
+        return ()
+    said = () if found.robustness is None else tuple(robust(found.robustness, scenario))
+    if found.explained:
+        said += (
+            wanted(dict(found.wishes), scenario),
+            carried_by(found.decisive),
+            kept(found.smaller, scenario),
+        )
+    return tuple(filter(None, said))
+
+
+# --- Say what the simulated θ still promise, and when to offer to stop.
 
 _UNLIKELY, _KNOWN = 0.1, 0.5
 """Chance below which stopping is offered, and that above which something better is known."""
 
 
-@dataclass(frozen=True, slots=True)
-class Prospect:
-    """What the simulated θ are expected to gain.
-
-    Args:
-        simulated: Number of simulated θ.
-        chance: Probability that the person prefers the most promising one to the best so far, by
-            the draws alone.
-        certificate: What can be said so that it holds for people unlike the draws; None while
-            nothing can.
-    """
-
-    simulated: int
-    chance: float
-    certificate: Certificate | None = None
-
-    @property
-    def text(self) -> str:
-        """Return whether something better can be expected."""
-        said = self.certificate
-        if said is not None and not said.explained:
-            return "The KPIs do not explain the answers well enough to say how much better is left."
-        if said is not None and said.share is not None and said.chance is not None:
-            left = (
-                f"Of θ drawn at random instead, fewer than {percent(said.share)} are noticeably better (with "
-                f"{percent(said.probability)} probability).{_as_good_as(said)}"
-            )
-            return (
-                f"The chance that the most promising of the {self.simulated} simulated is noticeably better "
-                f"than the best so far is {percent(said.chance)}. "
-                f"{left if said.share < 1 else 'It is too early to say how many of θ drawn at random are.'}"
-            )
-        return (
-            f"The chance that the most promising of the {self.simulated} simulated is better than "
-            f"the best so far is {percent(self.chance)}."
+def promise(found: Findings) -> str:
+    """Return whether something better can be expected; empty before an answer that teaches."""
+    said, chance = found.certificate, found.chance_of_better
+    if chance is None:
+        return ""
+    if said is not None and not said.explained:
+        return "The KPIs do not explain the answers well enough to say how much better is left."
+    if said is not None and said.share is not None and said.chance is not None:
+        left = (
+            f"Of θ drawn at random instead, fewer than {percent(said.share)} are noticeably better (with "
+            f"{percent(said.probability)} probability).{_as_good_as(said)}"
         )
+        return (
+            f"The chance that the most promising of the {found.simulated} simulated is noticeably better "
+            f"than the best so far is {percent(said.chance)}. "
+            f"{left if said.share < 1 else 'It is too early to say how many of θ drawn at random are.'}"
+        )
+    return (
+        f"The chance that the most promising of the {found.simulated} simulated is better than "
+        f"the best so far is {percent(chance)}."
+    )
 
-    @property
-    def offer(self) -> str:
-        """Return the offer to stop; empty if there is a reason to continue."""
-        chance = self.chance if self.certificate is None else self.certificate.chance
-        return f"{self.text} Stop here, or go on?" if chance is not None and chance < _UNLIKELY else ""
+
+def offer(found: Findings) -> str:
+    """Return the offer to stop; empty if there is a reason to continue."""
+    # The certificate's chance holds for people unlike the draws, too.
+    chance = found.chance_of_better if found.certificate is None else found.certificate.chance
+    unlikely = chance is not None and chance < _UNLIKELY and found.chance_of_better is not None
+    return f"{promise(found)} Stop here, or go on?" if unlikely else ""
 
 
 def _as_good_as(said: Certificate) -> str:
@@ -250,68 +248,3 @@ def _as_good_as(said: Certificate) -> str:
     )
     about = middle if middle.startswith("more") else f"about {middle}"
     return f" The best so far is as good as the best of {about} random experiments (90 %: {low} to {high})."
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Screened:
-    """What a screening agent knows after a record.
-
-    Args:
-        space: Knobs of the study.
-        basis: What the open question was chosen from, or what is known after the last one.
-    """
-
-    space: KnobSpace
-    basis: Basis
-
-    @property
-    def bank(self) -> Bank:
-        """Return the simulated θ with their KPIs."""
-        return self.basis.bank
-
-    @property
-    def reason(self) -> Reason | None:
-        """Return why the challenger of the open question is shown; None without a comparison."""
-        return self.basis.reason
-
-    @property
-    def prospect(self) -> Prospect | None:
-        """Return what the simulated θ still promise; None before an answer that teaches."""
-        if not self.basis.past.lessons():
-            return None
-        return Prospect(len(self.bank), self.basis.chance_of_better, self.basis.certificate)
-
-    @property
-    def told_result(self) -> bool:
-        """Return whether it is worked out what carries the result of a study that is over."""
-        carried = self.basis.carried
-        return carried is not None and carried.over and carried.complete
-
-    @property
-    def carried(self) -> Carried | None:
-        """Return what carries the result; None while not known, and if the KPIs do not explain answers."""
-        certificate = self.basis.certificate
-        return self.basis.carried if certificate is None or certificate.explained else None
-
-    def result(self, scenario: Scenario) -> tuple[str, ...]:
-        """Return how the result holds, what was wanted, what it rests on, and what need not change.
-
-        Empty while not known.
-        """
-        found, carried = self.basis.carried, self.carried
-        if found is None or not found.over:
-            return ()
-        told = () if found.robustness is None else tuple(robust(found.robustness, scenario))
-        if carried is not None:
-            told += wanted(carried.wishes, scenario), carried_by(carried.decisive)
-            told += (kept(carried.smaller, scenario),)
-        return tuple(filter(None, told))
-
-    def row(self, theta: Float[np.ndarray, " n"]) -> int | None:
-        """Return the row of the bank that a person cannot tell from θ, shape (n,); None if none.
-
-        An equal one comes first: many θ are not rounded to the same last digits as a single one.
-        """
-        equal = np.all(self.bank.thetas == theta, axis=1)
-        same = equal if equal.any() else self.space.close(theta, self.bank.thetas)
-        return int(np.argmax(same)) if same.any() else None

@@ -86,8 +86,6 @@ class _Conversation:
                 return
         more = f" (--n-max {now.state.n_max + 1} goes on)" if now.state.ended == ENOUGH else ""
         self._say(f"The study is finished: {now.state.ended}{more}.")
-        if self.interview.known.screens:
-            self.interview.known.wait_for_screened(_EXPLAINED)
 
     def _wait(self, now: Now) -> None:
         with self.console.status(_waiting(now)) as status:
@@ -119,7 +117,7 @@ class _Conversation:
 
     def _question(self, now: Now) -> bool:
         if self.shown is not now.question and self.interview.known.screens:
-            self.interview.known.wait_for_screened(_EXPLAINED)
+            self.interview.known.wait_for_findings(_EXPLAINED)
             now = self.interview.now()
         if now.question is None:  # it changed meanwhile
             return True

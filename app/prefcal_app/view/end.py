@@ -10,9 +10,10 @@ from jaxtyping import Float
 
 from prefcal_agents.people import Bank
 from prefcal_agents.result import between, unbeaten
+from prefcal_agents.screening.findings import Findings
 from prefcal_app.session import Interview, Now, Outlook, Question, Side
 from prefcal_app.session.study import is_robust
-from prefcal_app.simulating import Carried, Screened, as_shown, at_stake, menu_names, why
+from prefcal_app.simulating import Screened, as_shown, at_stake, menu_names, offer, why
 from prefcal_app.summary import Spread, after_a_slip, compared, unmeasured
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs import Knob
@@ -37,55 +38,48 @@ def screening_view(interview: Interview, now: Now, *, blind: bool) -> dict[str, 
     """
     if not interview.known.screens:
         return None
-    screened = interview.known.screened()
-    prospect, carried = (None, None) if screened is None else (screened.prospect, screened.carried)
+    found, missed = interview.known.findings, interview.known.missed
+    asks = now.question is not None and now.question.repeats is None and not missed
     # That the answer hardly changes the result; empty if it may, or while not known.
-    stakes = "" if carried is None or carried.stakes is None else at_stake(carried.stakes)
-    asks = now.question is not None and now.question.repeats is None and not interview.known.missed
+    stakes = found.stakes if found is not None and found.explained else None
+    told = (why_view(interview, now), "" if stakes is None else at_stake(stakes))
     return {
-        "why": "" if blind else " ".join(filter(None, (why_view(interview, now), stakes))),
-        "offer": prospect.offer if asks and prospect is not None else "",
+        "why": "" if blind else " ".join(filter(None, told)),
+        "offer": offer(found) if asks and found is not None else "",
     }
 
 
-def _carried(interview: Interview) -> Carried | None:
-    """Return what carries the result; None while not known."""
-    screened = interview.known.screened()
-    return None if screened is None else screened.carried
-
-
-def decisive_view(interview: Interview) -> int | None:
+def decisive_view(found: Findings | None) -> int | None:
     """Return the number of the answer that the result rests on; None without one, or while not known."""
-    carried = _carried(interview)
-    return None if carried is None or carried.decisive is None else carried.decisive.answer
+    decisive = found.decisive if found is not None and found.explained else None
+    return None if decisive is None else decisive.answer
 
 
-def smaller_view(interview: Interview) -> list[float] | None:
+def smaller_view(interview: Interview, found: Findings | None) -> list[float] | None:
     """Return θ of the smaller change, to look at and to ask for; None without one, or if it was shown."""
-    carried = _carried(interview)
-    found = None if carried is None or carried.smaller is None else carried.smaller.theta
+    smaller = found.smaller if found is not None and found.explained else None
     shown = {sample.theta for sample in interview.now().state.history.samples}
-    return None if found is None or found in shown else list(found)
+    return None if smaller is None or smaller.theta in shown else list(smaller.theta)
 
 
 def menu_view(interview: Interview) -> list[dict[str, Any]]:
     """Return simulated θ that the person might prefer to the result; those shown are left out."""
-    screened = interview.known.screened()
-    carried = None if screened is None else screened.carried
-    if screened is None or carried is None:
+    screened, found = interview.known.screened(), interview.known.findings
+    if screened is None or found is None or not found.explained:
         return []
-    names, bank = menu_names(carried.menu, interview.scenario), screened.bank
     shown = {screened.row(np.array(s.theta)) for s in interview.now().state.history.samples}
+    names = menu_names(found.menu, interview.scenario)
+    rows = [screened.row(np.array(other.theta)) for other in found.menu]
     return [
-        {"name": name, "theta": bank.thetas[row].tolist(), "row": row}
-        for row, name in names.items()
-        if row not in shown
+        {"name": name, "theta": list(other.theta), "row": row}
+        for name, other, row in zip(names, found.menu, rows, strict=True)
+        if row is not None and row not in shown
     ]
 
 
 def why_view(interview: Interview, now: Now) -> str:
     """Return why the open question is asked, in one sentence; empty while there is no reason."""
-    question, screened = now.question, interview.known.screened()
+    question, found = now.question, interview.known.findings
     if question is None or question.repeats is not None or not interview.known.screens:
         return ""
     if question.further:
@@ -93,16 +87,16 @@ def why_view(interview: Interview, now: Now) -> str:
     new = question.challenger
     side = "Left" if new is question.left else "Right"
     requested = new.index in now.state.requested
-    if screened is None or screened.reason is None:
+    if found is None or found.reason is None:
         return f"{side} is shown because you asked for it." if requested else ""
     other = question.right if new is question.left else question.left
     scenario = interview.scenario
     told = why(
-        as_shown(screened.reason, scenario, new.experiment, other.experiment),
+        as_shown(found.reason, scenario, new.experiment, other.experiment),
         scenario,
         side=side,
         requested=requested,
-        learned=screened.prospect is not None,
+        learned=found.chance_of_better is not None,
         missed=[
             kpi.title
             for kpi in scenario.shown_kpis
@@ -194,7 +188,7 @@ def _of_kpi(kpi: KPI, badness: Float[np.ndarray, " m"]) -> _Axis:
 
 def _chosen(screened: Screened, axes: list[_Axis]) -> list[int]:
     """Return the two axes shown first: the KPIs that matter most, else the first ones."""
-    reason, names = screened.reason, [axis.of.name for axis in axes]
+    reason, names = screened.findings.reason, [axis.of.name for axis in axes]
     by = () if reason is None else (*reason.better_in, *reason.worse_in)
     places = [names.index(name) for name in by if name in names]
     return list(dict.fromkeys([*places, *range(len(names))]))[:2]
@@ -267,9 +261,9 @@ def over_view(
         "report": report_view(report),
         "command": command,
         "next": next_view(interview, report),
-        "decisive": decisive_view(interview),
+        "decisive": decisive_view(interview.known.findings),
         "menu": menu_view(interview),
-        "smaller": smaller_view(interview),
+        "smaller": smaller_view(interview, interview.known.findings),
     }
 
 

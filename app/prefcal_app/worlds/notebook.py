@@ -33,6 +33,7 @@ _OWN = ("scenario", "study", "out")  # options of `prefcal calibrate` that `ask`
 _NOT_HERE = {"terminal", "browser", "json", "host", "config", "plant", "twin", "cost", "at_once"}
 """Options of `prefcal calibrate` that mean nothing in a notebook, or are Python objects there."""
 _PATIENCE = 0.5  # longest wait for the next change, in seconds
+_KNOWN = 2.0  # longest wait for what is said of a result before a report is written, in seconds
 _LAST_RUN = 5.0  # longest wait for a run that cannot be ended, or for the report, in `close`, in seconds
 _OPEN: dict[Path, "Asking"] = {}
 """Studies that this process asks about, by file: a cell that runs again closes the earlier one."""
@@ -154,7 +155,8 @@ class Asking:
                         if self._closed:
                             return
                 now = self._interview.now()
-                # A finished study can go on, or lose its last answer, and end anew.
+                # A finished study can go on, or lose its last answer, and end anew; and what is said of
+                # its result comes later than the end.
                 if now.phase is Phase.OVER and now.state is not self._reported:
                     self.report()
                     with self._changed:
@@ -197,8 +199,8 @@ class Asking:
         That is so before the second answer, while it is worked out, and for agents that simulate
         nothing.
         """
-        screened = self._interview.known.screened()
-        return None if screened is None else screened.basis.certificate
+        found = self._interview.known.findings
+        return None if found is None else found.certificate
 
     @property
     def chance_of_better(self) -> float | None:
@@ -211,9 +213,9 @@ class Asking:
 
     @property
     def over(self) -> bool:
-        """Return whether the study is over and the report of this end is written."""
-        now = self._interview.now()
-        return now.phase is Phase.OVER and now.state is self._reported
+        """Return whether the study is over and the report of this end, with all that is said, is written."""
+        told, now = self._interview.known.is_told, self._interview.now()
+        return told and now.phase is Phase.OVER and now.state is self._reported
 
     def wait(self, timeout: float | None = None) -> bool:
         """Wait until the study is over or closed; return whether it is over.
@@ -238,6 +240,7 @@ class Asking:
         """
         if not self._interview.file.state.history.answered:
             raise StudyError("nothing to report: no experiment was compared yet")
+        self._interview.known.wait_for_findings(_KNOWN)
         self._work.write()
         folder = self._work.claim.folder
         if not (folder / "report.html").is_file():

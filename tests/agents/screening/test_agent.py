@@ -15,6 +15,7 @@ from prefcal_agents import Screening, restore
 from prefcal_agents.agent import AgentState
 from prefcal_agents.screening.agent import BeyondKPIs, without_kpis
 from prefcal_agents.screening.bank import Growth, Simulations
+from prefcal_agents.screening.findings import findings
 from prefcal_env.errors import ProtocolError, SettingsError, SimulationError
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preferences.answer import Answer, Mark, Reading
@@ -135,7 +136,8 @@ def test_differences_that_cannot_be_read_change_nothing():
     study = Screening(SQUARE, simulate=simulate, n_simulated=60, n_max=4, seed=0)
     study.tell(study.ask(), None)
     assert np.all(study.bank.kpis[:, study.bank.names.index("c")] == 0.0)
-    assert "c" not in (*study.reason.better_in, *study.reason.worse_in)
+    reason = findings(study).reason
+    assert "c" not in (*reason.better_in, *reason.worse_in)
 
 
 FROZEN = MIXED.narrowed({"weight": (0.31, 0.31), "horizon": (3, 5)})
@@ -187,8 +189,9 @@ def check(agent):
     assert len({theta.tobytes() for theta in bank.thetas}) == len(bank) == len(bank.z)
     assert all(agent.space.allows(t) and agent.space.searches(t) for t in bank.thetas)
     assert agent.simulations.count >= len(bank)
-    assert 0 <= agent.chance_of_better <= 1
-    reason = agent.reason
+    said = findings(agent)
+    assert said.chance_of_better is None or 0 <= said.chance_of_better <= 1
+    reason = said.reason
     if reason is not None:
         assert 0 <= reason.chance <= 1
         named = {*reason.better_in, *reason.worse_in}

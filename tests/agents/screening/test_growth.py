@@ -9,6 +9,7 @@ from contracts.proposals import HALF, MIXED, RARE, RING
 from prefcal_agents import Screening
 from prefcal_agents.screening.agent import FROM, LEAST, MOST, Certificate, Evidence, evidence
 from prefcal_agents.screening.bank import Growth, Simulations, near_leaders
+from prefcal_agents.screening.findings import findings
 from prefcal_agents.search import Region, latin_hypercube
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preferences.answer import Answer, Preference, Reading
@@ -415,4 +416,4 @@ def test_given_candidates_are_all_there_is_from_the_first_question_to_the_last()
         agent.tell(query, None if query.incumbent is None else Preference.INCUMBENT)
     assert sorted(shown) == sorted(rows)
     assert sorted(asked) == sorted(rows)
-    assert agent.trend is None
+    assert findings(agent).trend is None

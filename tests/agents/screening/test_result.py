@@ -12,14 +12,15 @@ from hypothesis import strategies as st
 from contracts.proposals import MIXED
 from prefcal_agents import Screening
 from prefcal_agents.result import decisive, turned
-from prefcal_agents.screening import agent as screening
-from prefcal_agents.screening.agent import Certificate, chances, reason_for
+from prefcal_agents.screening import findings as said_of
+from prefcal_agents.screening.agent import Certificate
 from prefcal_agents.screening.bank import ENOUGH, Growth, Simulations
+from prefcal_agents.screening.findings import chances, findings, reason_for
 from prefcal_env.errors import SettingsError, SimulationError
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preferences.history import History
 from support.agents import quick
-from support.simulated import SQUARE, in_chain
+from support.simulated import SQUARE, everything, in_chain
 
 
 def by_first(query):
@@ -49,7 +50,7 @@ def staged(answers=()):
 def test_what_is_said_of_a_pair_is_true_of_it(seed):
     agent, said = Screening(MIXED, simulate=quick, n_simulated=60, n_max=6, seed=seed), 0
     while not agent.done:
-        query, reason = agent.ask(), agent.reason
+        query, reason = agent.ask(), findings(agent).reason
         if query.incumbent is None:
             assert reason is None
         elif reason is not None:
@@ -60,7 +61,7 @@ def test_what_is_said_of_a_pair_is_true_of_it(seed):
             said += bool(reason.better_in or reason.worse_in)
         agent.tell(query, by_first(query))
     assert said >= 4
-    assert agent.reason is None
+    assert findings(agent).reason is None
 
 
 def test_a_pair_is_described_by_the_kpis_that_differ_and_no_others():
@@ -106,10 +107,11 @@ def test_somebody_who_often_sees_no_difference_is_expected_to_see_one_less_often
 @pytest.fixture(scope="module")
 def ended():
     agent = Screening(MIXED, simulate=quick, n_simulated=100, n_max=8, seed=0)
-    assert (agent.influences, agent.stakes, agent.menu, agent.wishes) == ((), None, {}, {})
+    nothing = everything(agent, over=True)
+    assert (nothing.influences, nothing.stakes, nothing.menu, nothing.wishes) == ((), None, (), ())
     while not agent.done:
         query = agent.ask()
-        stakes = agent.stakes
+        stakes = everything(agent).stakes
         assert (stakes is None) == (query.incumbent is None)
         agent.tell(query, by_first(query))
         if stakes is not None and stakes < 0.05:
@@ -118,29 +120,31 @@ def ended():
 
 
 def test_turning_the_decisive_answer_gives_what_was_foretold(ended):
-    named = decisive(ended.influences, ended.best_index)
+    said = everything(ended)
+    named = decisive(said.influences, ended.best_index)
     assert named is not None
     agent = ended.copy()
     agent.history = turned(ended.history, named.answer)
     assert agent.best_index == named.reversed != ended.best_index
-    assert ended.stakes is None  # nothing is asked any more
+    assert said.stakes is None  # nothing is asked any more
 
 
 def test_the_menu_holds_others_with_what_they_gain(ended):
     best = quick(ended.best)
-    for row, gained in ended.menu.items():
-        theta = ended.bank.thetas[row]
+    for other in everything(ended).menu:
+        theta = np.array(other.theta)
+        assert ended.bank.find(theta) is not None
         assert not np.array_equal(theta, ended.best)
-        assert all(quick(theta)[name] < best[name] for name in gained)
+        assert all(quick(theta)[name] < best[name] for name in other.better_in)
 
 
 def test_what_decided_is_what_was_wanted(ended):
-    assert ended.wishes["first"] > 0.85
+    assert dict(everything(ended).wishes)["first"] > 0.85
 
 
 def test_a_result_without_a_given_start_is_compared_with_nothing(ended):
     assert ended.best_index != 0
-    assert ended.smaller_change is None
+    assert everything(ended).smaller is None
 
 
 def test_a_requested_theta_that_was_not_simulated_says_nothing():
@@ -151,7 +155,7 @@ def test_a_requested_theta_that_was_not_simulated_says_nothing():
     agent.ask()
     free = KnobSpace.decode(MIXED, np.full(len(MIXED), 0.123))
     agent.replace_pending(MIXED.decode(MIXED.snap(MIXED.encode(free))))
-    assert agent.stakes is None
+    assert everything(agent).stakes is None
 
 
 SPACE = KnobSpace([Knob("gain", 0.0, 1.0), Knob("filter", 0.0, 1.0)])
@@ -207,24 +211,25 @@ def test_what_holds_everywhere_is_chosen_as_if_nothing_was_asked():
 
 def test_where_nothing_holds_a_study_goes_on():
     agent = studied(Fast(edge=-1.0, kept=40))
-    assert agent.robustness.kept == 40
+    assert everything(agent).robustness.kept == 40
     assert len(agent.samples) == 7
 
 
 def test_the_price_is_what_the_best_nominal_one_is_better_in():
-    found = studied(Fast()).robustness
+    found = everything(studied(Fast())).robustness
     assert found.kept == ENOUGH
-    ours, theirs = found.costs["time"]
+    ((name, ours, theirs),) = found.costs
+    assert name == "time"
     assert 1.4 <= ours > theirs >= 1.0
-    assert studied(Fast(edge=1.0)).robustness.costs == {}
-    assert studied(Plain()).robustness is None
+    assert everything(studied(Fast(edge=1.0))).robustness.costs == ()
+    assert everything(studied(Plain())).robustness is None
 
 
 def test_a_tuning_of_the_persons_own_is_shown_and_one_that_holds_takes_its_place():
     agent = studied(Fast(), start=[[0.95, 0.5]])
     assert agent.samples[0].tolist() == [0.95, 0.5]
     assert agent.best[0] <= 0.6
-    assert agent.robustness.kept == ENOUGH
+    assert everything(agent).robustness.kept == ENOUGH
 
 
 def test_a_study_does_not_end_by_itself_while_its_best_does_not_hold(monkeypatch):
@@ -237,9 +242,8 @@ def test_a_study_does_not_end_by_itself_while_its_best_does_not_hold(monkeypatch
 
 
 def test_what_does_not_hold_is_not_on_the_menu(monkeypatch):
-    monkeypatch.setattr(screening, "others", lambda costs, logs, usable, result: range(len(costs[0])))
-    agent = studied(Fast())
-    offered = agent.bank.thetas[list(agent.menu)]
+    monkeypatch.setattr(said_of, "others", lambda costs, logs, usable, result: range(len(costs[0])))
+    offered = np.array([other.theta for other in everything(studied(Fast())).menu])
     assert len(offered) > 10
     assert offered[:, 0].max() <= 0.6
 
@@ -258,7 +262,7 @@ def test_what_never_arrives_does_not_take_the_place_of_what_promises_more():
 def test_a_reason_says_how_the_challenger_holds():
     agent = Screening(SPACE, simulate=Fast(), n_simulated=100, n_max=4)
     agent.tell(agent.ask(), None)
-    assert agent.reason.kept == ENOUGH
+    assert findings(agent).reason.kept == ENOUGH
 
 
 THETAS = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])

@@ -6,7 +6,7 @@ from itertools import count
 import numpy as np
 import pytest
 
-from prefcal_agents.screening.agent import Reason
+from prefcal_agents.screening.findings import Reason
 from prefcal_app.session import Choice, Phase
 from prefcal_app.simulating.why import as_shown, why
 from prefcal_env.experiments.experiment import Channels, End, Experiment
@@ -44,9 +44,7 @@ def person(monkeypatch):
             for number in count():
                 now = until(interview, lambda now: now.question or now.phase is Phase.OVER, 120.0)
                 if now.question is None:
-                    until(
-                        interview, lambda _: (found := interview.known.screened()) and found.told_result, 60.0
-                    )
+                    until(interview, lambda _: interview.known.is_told, 60.0)
                 if now.question is None or number == most:
                     return
                 sides = now.question.left.experiment, now.question.right.experiment

@@ -63,7 +63,8 @@ class Page:
             self.interview.steps.answer(now.question.id, Choice.LEFT)
 
     def choose(self):
-        theta = np.array(self.interview.known.wait_for_screened(60.0).bank.thetas[WANTED])
+        assert self.interview.known.wait_for_findings(60.0)
+        theta = np.array(self.interview.known.screened().bank.thetas[WANTED])
         self.interview.look_at(theta)
         self.interview.steps.choose(theta, self.interview.now().incumbent)
         Page.chosen = self.until(lambda now: now.phase is Phase.OVER).incumbent

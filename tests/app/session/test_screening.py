@@ -60,7 +60,7 @@ def test_a_study_without_prefetching_is_the_same_as_one_with_it():
 def test_the_likeliest_answers_are_prepared_and_followed_by_the_next_question_without_work():
     interview = started(ahead=True)
     now = worked(interview)
-    assert len(interview._flow.thoughts.prefetch._bases) == LIKELIEST
+    assert len(interview._flow.thoughts.prefetch._screened) == LIKELIEST
     now = interview.steps.answer(now.question.id, Choice.LEFT)
     assert now.phase is Phase.QUESTION
     assert interview.known.screened() is not None
@@ -85,7 +85,7 @@ def test_a_restarted_study_asks_the_identical_question_at_once(tmp_path):
     assert asked(now) == before[0]
     assert now.version > version  # pages look again
     assert again.known.screened().bank.thetas.tolist() == before[1].bank.thetas.tolist()
-    assert again.known.screened().reason == before[1].reason
+    assert again.known.findings.reason == before[1].findings.reason
     answer_all(again, lambda number: None)
     assert again.now().phase is Phase.OVER
 
@@ -207,7 +207,7 @@ def held(slow, tmp_path):
     proceed(first)
     first.file.close()
     interview = reopened(scenario, tmp_path / "mine.prefcal")
-    interview._runs_ahead = interview._flow.thoughts.prefetch.explained = True
+    interview._runs_ahead = interview._flow.thoughts.prefetch.silent = True
     run.gate.clear()
     attempt = threading.Thread(target=interview.work)
     attempt.start()

@@ -6,9 +6,11 @@ from functools import partial
 import numpy as np
 import pytest
 
-from prefcal_agents.screening.agent import Certificate, Reason, Screening
+from prefcal_agents.screening import findings
+from prefcal_agents.screening.agent import Certificate, Screening
+from prefcal_agents.screening.findings import Findings, Reason
 from prefcal_app.session import Choice, Phase
-from prefcal_app.simulating import Carried, Prospect
+from prefcal_app.simulating import offer, promise, told
 from prefcal_app.simulating.why import percent
 from prefcal_app.view.end import smaller_view
 from prefcal_env.errors import KnobError, ProtocolError, ScenarioError, StaleError
@@ -16,7 +18,7 @@ from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_scenarios.runs import screened
 from support.interviews import begin, proceed, reopened, worked
 from support.looks import toy
-from support.screened import explained, screening, simulated
+from support.screened import explained, let_say, screening, simulated
 
 WANTED = np.array([0.5, 21.0, 1.0])
 REASON = Reason(0.3, ("t_f",), ("final",))
@@ -24,17 +26,8 @@ REASON = Reason(0.3, ("t_f",), ("final",))
 
 @pytest.fixture
 def chances(monkeypatch):
-    """What the agent says, set by a test; it counts how often it was asked."""
-    said = {"chance": 0.5, "asked": 0}
-
-    def chance(agent):
-        said["asked"] += 1
-        return said["chance"]
-
-    monkeypatch.setattr(Screening, "chance_of_better", property(chance))
-    monkeypatch.setattr(Screening, "reason", property(lambda agent: REASON))
-    monkeypatch.setattr(Screening, "certificate", None)
-    return said
+    """Let the agent say this; it gives all that were asked."""
+    return let_say(monkeypatch, chance_of_better=0.5, reason=REASON, certificate=None)
 
 
 def answered(interview, *choices):
@@ -48,19 +41,20 @@ def test_other_agents_have_none():
     interview = begin(toy)
     proceed(interview)
     assert not interview.known.screens
-    assert interview.known.screened() is interview.known.wait_for_screened(9.0) is None
+    assert interview.known.wait_for_findings(9.0)
+    assert interview.known.screened() is interview.known.findings is None
 
 
 def test_it_comes_with_the_question_and_no_request_computes_it(chances):
     interview = screening()
     proceed(interview)
-    assert interview.known.screened().reason == REASON
-    asked = chances["asked"]
+    assert interview.known.findings.reason == REASON
+    asked = len(chances)
     for _ in range(3):
-        assert interview.known.screened().prospect is None
+        assert promise(interview.known.findings) == ""
         assert interview.known.outlook is None
     worked(interview)  # what its answer can change is worked out afterward
-    assert chances["asked"] == asked
+    assert len(chances) == asked
 
 
 def test_after_a_request_it_is_worked_out_anew_in_the_background(chances):
@@ -72,31 +66,32 @@ def test_after_a_request_it_is_worked_out_anew_in_the_background(chances):
     assert interview.known.screened(current=False) is not None
     version = interview.now().version
     assert interview.work()
-    assert interview.known.screened().basis.pending.theta == tuple(WANTED)
+    assert interview.known.screened().pending.theta == tuple(WANTED)
     assert interview.now().version == version + 1  # pages are told
     worked(interview)  # what its answer can change
     assert interview.now().version <= version + 2
-    assert interview.known.screened().basis.pending.theta == tuple(WANTED)
+    assert interview.known.screened().pending.theta == tuple(WANTED)
 
 
 def test_it_is_about_the_open_question_alone(chances):
     interview = explained(screening())
-    before = interview.known.screened().basis
+    before = interview.known.screened()
     interview.steps.answer(interview.now().question.id, Choice.LEFT)
     assert interview.known.screened() is None
-    assert interview.known.screened(current=False).basis is before
-    assert explained(interview).known.screened().basis is not before
+    assert interview.known.findings is None
+    assert interview.known.screened(current=False) is before
+    assert explained(interview).known.screened() is not before
 
 
-def test_before_an_answer_that_teaches_nothing_is_promised(chances):
-    chances["chance"] = 0.05
+def test_before_an_answer_that_teaches_nothing_is_promised(monkeypatch):
+    let_say(monkeypatch, chance_of_better=0.05, certificate=None)
     interview = explained(screening())
-    assert interview.known.screened().prospect is None
+    assert promise(interview.known.findings) == offer(interview.known.findings) == ""
     assert interview.known.outlook is None
     answered(interview, Choice.CANNOT_TELL)
     assert interview.known.outlook is None
     answered(interview, Choice.LEFT)
-    assert interview.known.screened().prospect.offer
+    assert offer(interview.known.findings)
     n = len(interview.known.screened().bank)
     assert interview.known.outlook.promise.lower().endswith(
         f"the chance that the most promising of the {n} simulated is better than the best so far is 5 %."
@@ -107,22 +102,22 @@ def test_at_the_end_it_is_worked_out_for_the_last_answer(chances):
     interview = explained(screening(n_max=3))
     while interview.now().phase is not Phase.OVER:
         answered(interview, Choice.LEFT)
-    found = interview.known.screened()
-    assert found.reason is None
+    assert interview.known.findings.reason is None
     assert "is 50 %" in interview.known.outlook.promise
 
 
 def test_an_error_leaves_the_question_and_is_not_tried_forever(monkeypatch):
-    def broken(agent):
+    def broken(agent, known):
         raise ValueError("singular")
 
-    monkeypatch.setattr(Screening, "chance_of_better", property(broken))
+    monkeypatch.setattr(findings, "_first", broken)
     interview = screening()
     now = proceed(interview)
     assert now.phase is Phase.QUESTION
     worked(interview)
     assert interview.now().question == now.question
-    assert interview.known.screened() is None
+    assert interview.known.screened() is interview.known.findings is None
+    assert interview.known.is_told, "nobody waits for it"
 
 
 def test_a_look_records_nothing_and_a_question_about_it_comes_at_once():
@@ -166,12 +161,12 @@ def test_rows_of_the_bank_are_found_by_theta():
 
 @pytest.mark.parametrize(("chance", "said", "offers"), [(0.08, "8 %", True), (0.1, "10 %", False)])
 def test_below_ten_percent_it_offers_to_stop_and_else_only_says_what_is_left(chance, said, offers):
-    found = Prospect(940, chance)
+    found = Findings(False, 940, chance_of_better=chance)
     text = (
         f"The chance that the most promising of the 940 simulated is better than the best so far is {said}."
     )
-    assert found.text == text
-    assert found.offer == (f"{text} Stop here, or go on?" if offers else "")
+    assert promise(found) == text
+    assert offer(found) == (f"{text} Stop here, or go on?" if offers else "")
 
 
 @pytest.mark.parametrize(
@@ -185,15 +180,19 @@ def test_nothing_reads_as_sure(chance, text):
 CERTIFIED = Certificate(0.06, 0.95, 0.3, (1.0,))
 
 
+def certified(certificate, chance=0.08, simulated=940):
+    return Findings(False, simulated, chance_of_better=chance, certificate=certificate)
+
+
 def test_from_the_second_answer_on_it_states_what_holds_for_people_unlike_the_draws():
-    assert Prospect(940, 0.08, CERTIFIED).text == (
+    assert promise(certified(CERTIFIED)) == (
         "The chance that the most promising of the 940 simulated is noticeably better than the best so far "
         "is 30 %. Of θ drawn at random instead, fewer than 6 % are noticeably better (with 95 % probability)."
     )
-    early = Prospect(940, 0.08, replace(CERTIFIED, share=1.0)).text
+    early = promise(certified(replace(CERTIFIED, share=1.0)))
     assert early.endswith("so far is 30 %. It is too early to say how many of θ drawn at random are.")
-    assert Prospect(940, 0.08, CERTIFIED).offer == "", "not the draws' own chance decides"
-    assert Prospect(940, 0.5, replace(CERTIFIED, chance=0.05)).offer.endswith("Stop here, or go on?")
+    assert offer(certified(CERTIFIED)) == "", "not the draws' own chance decides"
+    assert offer(certified(replace(CERTIFIED, chance=0.05), 0.5)).endswith("Stop here, or go on?")
 
 
 @pytest.mark.parametrize(
@@ -206,35 +205,33 @@ def test_from_the_second_answer_on_it_states_what_holds_for_people_unlike_the_dr
 )
 def test_it_says_how_many_random_experiments_the_result_is_equal_to(experiments, words):
     said = replace(CERTIFIED, experiments=experiments)
-    assert Prospect(9, 0.1, said).text.endswith(f"). The best so far is as good as the best of {words}")
-    assert "random experiments" not in Prospect(9, 0.1, replace(said, share=1.0)).text
-    better_is_known = Prospect(9, 0.1, replace(said, chance=0.94)).text
+    assert promise(certified(said)).endswith(f"). The best so far is as good as the best of {words}")
+    assert "random experiments" not in promise(certified(replace(said, share=1.0)))
+    better_is_known = promise(certified(replace(said, chance=0.94), simulated=9))
     assert better_is_known.startswith("The chance that the most promising of the 9 simulated is noticeably")
     assert "random experiments" not in better_is_known
 
 
 def test_where_answers_do_not_follow_from_the_kpis_it_says_no_number():
-    found = Prospect(940, 0.08, replace(CERTIFIED, share=None, chance=None))
-    assert found.text == "The KPIs do not explain the answers well enough to say how much better is left."
-    assert found.offer == ""
+    found = certified(replace(CERTIFIED, share=None, chance=None))
+    assert promise(found) == "The KPIs do not explain the answers well enough to say how much better is left."
+    assert offer(found) == ""
 
 
-def test_at_the_end_it_says_what_was_wanted_and_what_the_result_rests_on():
+def test_at_the_end_it_says_what_was_wanted_and_what_the_result_rests_on(monkeypatch):
+    let_say(monkeypatch, certificate=CERTIFIED)
     interview = explained(screening(n_max=5))
     while interview.now().phase is not Phase.OVER:
         assert interview.known.outlook is None or interview.known.outlook.result == ()
         answered(interview, Choice.LEFT)
     worked(interview)
-    known = interview.known.screened()
-    certified = replace(known.basis, certificate=CERTIFIED)
-    interview._flow.thoughts.basis = certified
     said = interview.known.outlook.result
     assert any(words.startswith(("The result rests on the answer", "No single answer")) for words in said)
     assert set(said) <= set(interview.known.outlook.sentences)
-    assert interview.known.screened().told_result
+    assert interview.known.is_told
     unexplained = replace(CERTIFIED, share=None, chance=None)
-    interview._flow.thoughts.basis = replace(certified, certificate=unexplained)
-    assert interview.known.outlook.result == (), "whatever is said of KPIs would be wrong"
+    found = replace(interview.known.findings, certificate=unexplained)
+    assert told(found, simulated) == (), "whatever is said of KPIs would be wrong"
     interview.steps.go_on(1)
     assert proceed(interview).phase is Phase.QUESTION
     assert interview.known.outlook is None or interview.known.outlook.result == ()
@@ -245,24 +242,27 @@ def test_a_study_that_a_person_ends_is_told_of_its_result_as_well():
     answered(interview, Choice.LEFT)
     interview.steps.finish()
     worked(interview)
-    assert interview.known.screened().told_result
+    assert interview.known.findings.over
+    assert interview.known.findings.complete
     interview.steps.go_on()
     worked(interview)
     assert interview.now().question is not None
-    assert not interview.known.screened().told_result
+    assert not interview.known.findings.over
     assert interview.known.outlook is None or interview.known.outlook.result == ()
 
 
 def test_an_error_in_what_is_said_of_a_result_leaves_the_rest(monkeypatch):
-    def broken(agent, *, over):
+    def broken(agent, known):
         raise ValueError("singular")
 
-    monkeypatch.setattr(Carried, "of", broken)
+    monkeypatch.setattr(findings, "_carried", broken)
     interview = explained(screening(n_max=3))
     while interview.now().phase is not Phase.OVER:
         answered(interview, Choice.LEFT)
     worked(interview)
-    assert interview.known.screened().told_result
+    assert interview.known.is_told
+    assert interview.now().state.concluded is None, "another time it may succeed"
+    assert interview.known.outlook.promise
     assert len(interview.known.screened().bank) > 0
 
 
@@ -272,17 +272,17 @@ def test_at_the_end_a_smaller_change_than_from_the_given_start_is_looked_for(cha
     interview = explained(begin(simulated, n_max=3, agent=agent))
     while interview.now().phase is not Phase.OVER:
         answered(interview, Choice.LEFT if interview.now().question.left.challenger else Choice.RIGHT)
-    assert not interview.known.screened().told_result
+    assert not interview.known.is_told
     worked(interview)
-    screened = interview.known.screened()
-    assert screened.told_result
+    screened, said = interview.known.screened(), interview.known.findings
+    assert interview.known.is_told
     best = np.array(interview.now().state.history.samples[interview.now().incumbent].theta)
-    found = screened.carried.smaller
+    found = said.smaller
     assert found is not None
     assert set(found.theta) <= {*best, *start}
     assert screened.row(np.array(found.theta)) is not None  # the page can show it
-    assert any("can stay as before" in words for words in screened.result(simulated))
-    assert tuple(smaller_view(interview)) == found.theta
+    assert any("can stay as before" in words for words in told(said, simulated))
+    assert tuple(smaller_view(interview, said)) == found.theta
 
 
 def ended(**more):

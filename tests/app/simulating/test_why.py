@@ -5,9 +5,8 @@ from types import SimpleNamespace
 import pytest
 
 from prefcal_agents.result import Influence, SmallerChange
-from prefcal_agents.screening.agent import Reason
+from prefcal_agents.screening.findings import Alternative, Findings, Reason
 from prefcal_app.simulating import as_shown, at_stake, carried_by, menu_names, wanted, why
-from prefcal_app.simulating.simulator import Carried
 from prefcal_app.simulating.why import kept
 from prefcal_scenarios.scenario import KPI
 from support.looks import toy
@@ -97,20 +96,13 @@ def test_the_answer_that_carries_the_result_is_named():
 
 @pytest.mark.parametrize(("chance", "named"), [(0.09, False), (0.1, True)])
 def test_that_the_last_winner_rests_on_its_last_answer_is_said_only_if_that_is_in_doubt(chance, named):
-    agent = SimpleNamespace(influences=(Influence(6, 5, chance, sure=True),), best_index=6)
-    for name in ("menu", "wishes", "robustness"):
-        setattr(agent, name, None)
-    agent.setup = SimpleNamespace(start=None)
-    assert (Carried.of(agent, over=True).decisive is not None) == named
+    found = Findings(True, 40, influences=(Influence(6, 5, chance, sure=True),), best=6)
+    assert (found.decisive is not None) == named
 
 
 def test_candidates_are_named_by_what_they_gain_and_by_different_kpis():
-    menu = {7: ("final",), 3: ("final", "t_f"), 5: ()}
-    assert menu_names(menu, toy) == {
-        7: "final level nearer to its target",
-        3: "lower settling time t_f",
-        5: "another",
-    }
+    menu = [Alternative((0.5, 10.0, 1.0), gains) for gains in (("final",), ("final", "t_f"), ())]
+    assert menu_names(menu, toy) == ["final level nearer to its target", "lower settling time t_f", "another"]
 
 
 @pytest.mark.parametrize(

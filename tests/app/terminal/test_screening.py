@@ -2,8 +2,8 @@
 
 import pytest
 
-from prefcal_agents.screening.agent import Reason, Screening
-from support.screened import screening
+from prefcal_agents.screening.findings import Reason
+from support.screened import let_say, screening
 from support.talking import talk
 
 FIRST, WHY = "Nothing learned yet: ", "(chance that you prefer it: 70 %)."
@@ -13,9 +13,7 @@ OFFER = "Stop here, or go on? (f, and f again, finishes)"
 @pytest.fixture(autouse=True)
 def says(monkeypatch):
     """An agent with reasons that promises nothing more."""
-    reason = Reason(0.7, ("final",), ("t_f",))
-    monkeypatch.setattr(Screening, "reason", property(lambda agent: reason))
-    monkeypatch.setattr(Screening, "chance_of_better", property(lambda agent: 0.08))
+    let_say(monkeypatch, reason=Reason(0.7, ("final",), ("t_f",)), chance_of_better=0.08)
 
 
 def test_each_question_has_its_reason_and_after_an_answer_the_offer():

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from prefcal_agents.people import Bank
-from prefcal_agents.screening.agent import Reason, Screening
+from prefcal_agents.screening.findings import Alternative, Findings, Reason
 from prefcal_app.session import Choice
-from prefcal_app.simulating import Basis, Carried, Screened
+from prefcal_app.simulating import Screened
 from prefcal_app.view import look_view, map_view, now_view, why_view
 from prefcal_app.view.end import _axes, _chosen, _points, menu_view
 from prefcal_env.preferences.history import History
 from support.interviews import begin, proceed
 from support.looks import toy
-from support.screened import explained, screening
+from support.screened import explained, let_say, screening
 from support.windows import make_room
 
 REASON = Reason(0.7, ("final",), ("t_f",))
@@ -25,8 +25,7 @@ WANTED = np.array([0.5, 21.0, 1.0])
 @pytest.fixture
 def says(monkeypatch):
     """An agent with reasons that promises nothing more."""
-    monkeypatch.setattr(Screening, "reason", property(lambda agent: REASON))
-    monkeypatch.setattr(Screening, "chance_of_better", property(lambda agent: 0.08))
+    let_say(monkeypatch, reason=REASON, chance_of_better=0.08)
 
 
 def told(interview, *, blind=False):
@@ -49,7 +48,7 @@ def test_the_reason_names_the_side_of_the_new_one_and_blind_hides_it(says):
 
 
 def test_without_a_reason_there_is_no_sentence(monkeypatch):
-    monkeypatch.setattr(Screening, "reason", property(lambda agent: None))
+    let_say(monkeypatch, reason=None)
     interview = explained(screening())
     assert told(interview)["why"] == ""
 
@@ -113,7 +112,7 @@ def screened(kpis, names, reason=None):
     thetas = np.tile([0.5, 20.0, 1.0], (len(kpis), 1))
     failed = np.isnan(kpis).all(axis=1)
     bank = Bank(thetas, thetas, tuple(names), np.where(failed[:, None], np.inf, kpis), failed)
-    return Screened(toy.space, Basis(History(), None, bank, reason, 0.5))
+    return Screened(toy.space, History(), None, bank, Findings(False, len(bank), reason))
 
 
 @pytest.mark.parametrize(
@@ -177,31 +176,31 @@ def test_the_picture_is_made_once_per_version(monkeypatch):
     assert len(made) == 2
 
 
-def carries(interview, monkeypatch, found):
-    """Let what was worked out be `found`."""
-    known = interview.known.screened()
-    basis = replace(known.basis, carried=found)
-    monkeypatch.setattr(interview.known, "screened", lambda **_: Screened(known.space, basis))
+def carries(interview, **fields):
+    """Let what was worked out say this, too."""
+    thoughts = interview._flow.thoughts
+    known = thoughts.screened
+    thoughts.screened = replace(known, findings=replace(known.findings, **fields))
 
 
-def test_an_answer_that_hardly_changes_the_result_is_said_and_blind_hides_it(says, monkeypatch):
+def test_an_answer_that_hardly_changes_the_result_is_said_and_blind_hides_it(says):
     interview = explained(screening())
-    carries(interview, monkeypatch, Carried(False, 0.03, None, {}, {}))
+    carries(interview, stakes=0.03)
     assert told(interview)["why"].endswith(" Your answer hardly changes the result (chance: 3 %).")
     assert told(interview, blind=True)["why"] == ""
-    carries(interview, monkeypatch, Carried(False, 0.3, None, {}, {}))
+    carries(interview, stakes=0.3)
     assert "hardly" not in told(interview)["why"]
 
 
-def test_the_menu_names_other_simulated_theta_by_what_they_gain(monkeypatch):
+def test_the_menu_names_other_simulated_theta_by_what_they_gain():
     interview = explained(screening())
     assert menu_view(interview) == []
     bank = interview.known.screened().bank
     shown = interview.known.screened().row(interview.past.experiment(0).theta)
     rows = [row for row in range(len(bank)) if row != shown][5:7]
     gains = ("t_f",), ("final",), ("final",)
-    menu = dict(zip([*rows, shown], gains, strict=True))
-    carries(interview, monkeypatch, Carried(True, None, None, menu, {}))
+    thetas = map(tuple, bank.thetas[[*rows, shown]].tolist())
+    carries(interview, menu=tuple(map(Alternative, thetas, gains)))
     assert [choice["name"] for choice in menu_view(interview)] == [
         "lower settling time t_f",
         "final level nearer to its target",
@@ -211,12 +210,12 @@ def test_the_menu_names_other_simulated_theta_by_what_they_gain(monkeypatch):
     assert all(choice["theta"] in points for choice in menu_view(interview)), "the page finds them by θ"
 
 
-def test_the_picture_has_what_lies_between_the_result_and_the_menu(monkeypatch):
+def test_the_picture_has_what_lies_between_the_result_and_the_menu():
     interview = explained(screening())
     assert map_view(interview)["ways"] == []
     bank, best = interview.known.screened().bank, map_view(interview)["best"]
     row = int(np.argmin(np.where(np.arange(len(bank)) == best, np.inf, bank.kpis[:, 0])))
-    carries(interview, monkeypatch, Carried(True, None, None, {row: ("t_f",)}, {}))
+    carries(interview, menu=(Alternative(tuple(bank.thetas[row].tolist()), ("t_f",)),))
     (way,) = map_view(interview)["ways"]
     assert (way[0], way[-1]) == (best, row)
     assert not bank.hopeless[list(way)].any()

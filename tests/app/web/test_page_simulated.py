@@ -2,20 +2,22 @@
 
 import contextlib
 import re
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
 
 from prefcal_agents.result import Influence, SmallerChange
-from prefcal_agents.screening.agent import Reason, Screening
+from prefcal_agents.screening import findings
+from prefcal_agents.screening.agent import Screening
+from prefcal_agents.screening.findings import Alternative, Reason
 from prefcal_app.session import Background
-from prefcal_app.simulating import Carried
 from prefcal_app.web import Window
 from support.browser import Served, Watched
 from support.interviews import begin
 from support.page_checks import pixels, serious
-from support.screened import screening
+from support.screened import let_say, screening
 from support.unseen import unseen
 
 RIGHT = (184, 56, 6)
@@ -25,10 +27,7 @@ GOOD = {"light": (23, 113, 63), "dark": (105, 207, 149)}
 @pytest.fixture
 def screen(tmp_path, monkeypatch):
     """Serve a study whose agent simulates, has reasons, and promises nothing after an answer."""
-    reason = Reason(0.7, ("final",), ("t_f",))
-    monkeypatch.setattr(Screening, "reason", property(lambda agent: reason))
-    monkeypatch.setattr(Screening, "chance_of_better", property(lambda agent: 0.08))
-    monkeypatch.setattr(Screening, "certificate", None)
+    let_say(monkeypatch, reason=Reason(0.7, ("final",), ("t_f",)), chance_of_better=0.08, certificate=None)
     with contextlib.ExitStack() as served:
 
         def start(n_max=6):
@@ -171,11 +170,16 @@ def test_it_offers_to_stop_and_going_on_is_respected(browser, screen):
 
 def test_the_end_leads_to_the_answer_that_matters_and_to_other_candidates(browser, screen, monkeypatch):
     decisive = Influence(1, 1, 0.3, sure=True)
-    menu = {5: ("t_f",), 9: ("final",)}
     smaller = SmallerChange((0.5, 21.0, 1.0), (0, 2), 0.03)
-    said = {"over": True, "stakes": None, "decisive": decisive, "menu": menu, "wishes": {}, "complete": False}
-    monkeypatch.setattr(Carried, "of", lambda agent, *, over: Carried(**{**said, "over": over}))
-    monkeypatch.setattr(Screening, "smaller_change", smaller)
+
+    def told(agent, known):
+        if not known.over:
+            return known
+        thetas = map(tuple, agent.bank.thetas[[5, 9]].tolist())
+        menu = tuple(map(Alternative, thetas, (("t_f",), ("final",))))
+        return replace(known, influences=(decisive,), best=0, menu=menu, smaller=smaller)
+
+    monkeypatch.setattr(findings, "_carried", told)
     watched = Watched(browser)
     watched.open(screen(n_max=3).link)
     page = watched.page
@@ -209,15 +213,15 @@ def test_the_end_leads_to_the_answer_that_matters_and_to_other_candidates(browse
 def menu(browser, screen, monkeypatch):
     """The end of a study whose menu names two others."""
 
-    def told(agent, *, over):
+    def told(agent, known):
         bank, best = agent.bank, agent.bank.find(agent.best)
         shown = {best, *bank.rows([sample.theta for sample in agent.history.samples])}
         usable = np.setdiff1d(np.flatnonzero(np.isfinite(bank.kpis).all(axis=1)), list(shown))
         first, *_, last = usable[np.argsort(bank.kpis[usable, bank.names.index("t_f")])].tolist()
-        menu = {first: ("t_f",), last: ("final",)}
-        return Carried(over, None, None, menu if over else {}, {})
+        thetas = map(tuple, bank.thetas[[first, last]].tolist())
+        return replace(known, menu=tuple(map(Alternative, thetas, (("t_f",), ("final",)))))
 
-    monkeypatch.setattr(Carried, "of", told)
+    monkeypatch.setattr(findings, "_carried", told)
     served = screen(n_max=3)
 
     def ended(**options):

@@ -11,6 +11,7 @@ from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_env.study import (
     Adjusted,
     Answered,
+    Concluded,
     Created,
     Ended,
     Event,
@@ -39,6 +40,7 @@ CANDIDATES = (
     "mark",
     "note",
     "end",
+    "conclude",
     "reopen",
     "extend",
     "repeat",
@@ -71,6 +73,7 @@ def possible(state, dice):
         "end": Ended("stopped"),
         "mark": Marked(index, dice.choice(("unsafe", "good enough")), dice.random() < 0.7),
         "adjust": Adjusted({"questions": dice.randrange(4)}),
+        "conclude": Concluded({"share": dice.random(), "names": ["b", "a"]}),
         "reopen": Reopened(),
         "request": Requested(due, (dice.random(),), (dice.random(),)),
         "extend": Extended(dice.randrange(5, 40)),
@@ -145,6 +148,26 @@ def test_an_end_is_taken_back_by_reopening_or_by_undoing_the_last_answer():
         assert (file.state.ended, file.state.reopened) == (None, True)
         file.append(Ended("good enough"), Undone())
         assert (file.state.ended, file.state.history.answered) == (None, 2)
+
+
+@pytest.mark.parametrize(
+    ("then", "counts"),
+    [
+        (Noted("so"), True),
+        (Retracted(1), False),
+        (Undone(), False),
+        (Reopened(), False),
+        (Ended("good enough"), False),
+    ],
+)
+def test_what_was_said_of_a_result_counts_until_the_record_is_another_one(then, counts):
+    with small_study(":memory:", answers=2) as file:
+        with pytest.raises(StudyError, match="the study is not over"):
+            file.append(Concluded({}))
+        file.append(Ended("stopped"), Concluded({"share": 0.1}))
+        assert file.state.concluded == {"share": 0.1}
+        file.append(then)
+        assert (file.state.concluded is not None) == counts
 
 
 def test_a_failed_run_is_forgotten_once_it_has_run():

@@ -1,0 +1,306 @@
+"""All that is said of the result of a study or of its open question, as one value."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from math import isfinite
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_agents.people import Bank, noticed, trend, worth
+from prefcal_agents.result import (
+    Influence,
+    SmallerChange,
+    cautious,
+    decisive,
+    influences,
+    noticed_worse,
+    others,
+    smaller_change,
+    stakes,
+    wishes,
+)
+from prefcal_env.errors import StudyError
+from prefcal_env.plain import from_plain, to_plain
+from prefcal_env.preferences.answer import Preference
+from prefcal_env.preferences.history import History
+
+from .agent import Certificate, Screening
+from .bank import ENOUGH, Stage
+
+# --- Say why an experiment is shown, as data that front ends put into words.
+
+_DIFFERS = 0.02  # share of what all differences count together below which that of a KPI is left out
+_NOTHING = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Reason:
+    """Why the challenger of the open query is shown.
+
+    Args:
+        chance: Probability that the person prefers it to the best so far, by what was learned.
+        better_in: Names of the KPIs in which it is better than the best so far, the one that
+            matters most first.
+        worse_in: Names of those in which it is worse, likewise.
+        kept: In a robust study, how many perturbed runs keep the limits before one does not.
+    """
+
+    chance: float
+    better_in: tuple[str, ...]
+    worse_in: tuple[str, ...]
+    kept: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class RobustResult:
+    """How the best θ of a robust study holds, and what that costs nominally.
+
+    Args:
+        kept: How many perturbed runs keep the limits before one does not.
+        costs: KPIs in which another θ is better that promises most, but does not hold, what matters
+            most first; each with its values of the best θ and of the other one, lower is better.
+    """
+
+    kept: int
+    costs: tuple[tuple[str, float, float], ...] = ()
+
+
+def reason_for(stage: Stage, new: int, best: int, history: History) -> Reason:
+    """Return why row `new` of the bank is compared with row `best`."""
+    names, utilities = stage.scale.names, stage.utilities
+    levels = utilities.levels(stage.logs[[new, best]])
+    parts = utilities.gains(levels, np.array([0]), np.array([1]))[:, :, 0]
+    shares = parts / (np.abs(parts).sum(axis=0) + _NOTHING)  # in orders one KPI decides
+    gains = shares.mean(axis=1).reshape(2, len(names)).sum(axis=0)  # and its limit
+    clear = np.abs(gains) > _DIFFERS * np.abs(gains).sum()
+    order = [int(kpi) for kpi in np.argsort(-np.abs(gains), kind="stable") if clear[kpi]]
+    return Reason(
+        float(chances(stage, best, history)[new]),
+        tuple(names[kpi] for kpi in order if gains[kpi] > 0),
+        tuple(names[kpi] for kpi in order if gains[kpi] < 0),
+    )
+
+
+def chances(stage: Stage, best: int, history: History) -> Float[np.ndarray, " m"]:
+    """Return how probably the person prefers each θ to row `best`, shape (m,).
+
+    Somebody who often sees no difference prefers the new one less often than the costs say, so the
+    chance is multiplied by the share of answers so far that prefer a side.
+    """
+    given = [c.answer.preference is not Preference.TIE for c in history.lessons()]
+    told = (sum(given) + 1) / (len(given) + 1)
+    return np.asarray(told * noticed(stage.costs[:, best, None] - stage.costs).mean(axis=0))
+
+
+# --- Say all that can be said, in parts: what comes with a question, what takes seconds, what is simulated.
+
+
+@dataclass(frozen=True, slots=True)
+class Alternative:
+    """A simulated θ that the person might prefer to the result.
+
+    Args:
+        theta: θ, physical.
+        better_in: Names of the KPIs in which it is better than the result, what matters most first.
+    """
+
+    theta: tuple[float, ...]
+    better_in: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Findings:
+    """All that is said of a result or, while the study goes on, of its open question.
+
+    It is made in parts by `findings`: all from `stakes` on is empty until it is worked out.
+
+    Args:
+        over: Whether it is about the result of a study that is over.
+        simulated: Number of simulated θ that the question was chosen from, or the result.
+        reason: Why the challenger of the open question is shown; None without a comparison.
+        chance_of_better: Probability that the person prefers the most promising of the simulated θ that
+            were not shown to the best so far, by the draws alone; None before an answer that teaches.
+        trend: How expected worth grows along each knob near the best; None before an answer that
+            teaches, and among given candidates, whose order means nothing.
+        certificate: What can be said of the best so far; None while nothing can.
+        stakes: Chance that the answer to the open question changes the best; None without one.
+        influences: What the result would be if each answer were the other way round.
+        best: Sample that is the result; None before any answer.
+        menu: Up to two θ that the person might prefer to the result, as different as they can be. In a
+            robust study those that do not hold are left out.
+        wishes: KPIs that the person surely wanted better, each with how sure that is.
+        robustness: How the result holds, and what that costs; None if the study is not robust.
+        smaller: The result with knobs as in the given start, so that people hardly notice; None without
+            a start, if no knob can be put back, and where experiments measured other KPIs than those
+            simulated.
+        parts: Number of parts that are worked out.
+        complete: Whether these are all.
+    """
+
+    over: bool
+    simulated: int
+    reason: Reason | None = None
+    chance_of_better: float | None = None
+    trend: tuple[float, ...] | None = None
+    certificate: Certificate | None = None
+    stakes: float | None = None
+    influences: tuple[Influence, ...] = ()
+    best: int | None = None
+    menu: tuple[Alternative, ...] = ()
+    wishes: tuple[tuple[str, float], ...] = ()
+    robustness: RobustResult | None = None
+    smaller: SmallerChange | None = None
+    parts: int = 1
+    complete: bool = False
+
+    @property
+    def explained(self) -> bool:
+        """Return whether the KPIs explain the answers: otherwise what follows from them is not said."""
+        return self.certificate is None or self.certificate.explained
+
+    @property
+    def decisive(self) -> Influence | None:
+        """Return the answer in doubt that carries the result; None if none alone does."""
+        found = None if self.best is None else decisive(self.influences, self.best)
+        return found if found and found.doubtful else None
+
+    def to_dict(self) -> dict[str, object]:
+        """Return it as plain data, which a study file keeps."""
+        return {name: to_plain(getattr(self, name)) for name in self.__slots__}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, object]) -> "Findings":
+        """Return what `to_dict` returned as plain data. Raises StudyError if it is something else."""
+        return from_plain(data, cls, StudyError, "what was said of the result")
+
+
+def findings(agent: Screening, known: Findings | None = None, *, over: bool | None = None) -> Findings:
+    """Return what is said of the open query or of the result: the first part, or one more than is known.
+
+    It is a function of the agent's settings, seed and record. The first part comes with the query, the
+    second one takes seconds at the end. With a given start, the third one simulates smaller changes.
+
+    Args:
+        agent: Agent with the record, which simulates if needed.
+        known: What was returned before for the same record; None for the first part.
+        over: Whether the study is over, as it is if a person ends it; by default, if the agent is done.
+    """
+    over = agent.done if over is None else over
+    parts = (_first, _carried, _smaller) if over and agent.setup.start else (_first, _carried)
+    given = 0 if known is None or known.over is not over else known.parts
+    if known is not None and given == len(parts):
+        return known
+    found = parts[given](agent, Findings(over, 0) if known is None or not given else known)
+    return replace(found, parts=given + 1, complete=given + 1 == len(parts))
+
+
+def simulated_for(agent: Screening, found: Findings) -> Bank:
+    """Return the simulated θ, all that are named in the findings among them."""
+    if found.smaller is None:
+        return agent.bank
+    thetas = np.array([found.smaller.theta])
+    return agent.growth.extended(agent.bank, agent.space.encode_all(thetas), thetas)
+
+
+def _first(agent: Screening, empty: Findings) -> Findings:
+    """Return why the challenger is shown, and what better ones can be expected."""
+    history, stage = agent.history, agent.stage(agent.history)
+    # Who ended the study is asked nothing any more, and nothing is simulated for that.
+    asks = not agent.done and (not empty.over or history.pending is not None)
+    found = replace(
+        empty,
+        simulated=len(stage.bank),
+        reason=_reason(agent, stage) if asks else None,
+        certificate=agent.certificate,
+    )
+    if agent.best_index is None or not history.lessons():
+        return found
+    best = stage.bank.find(agent.best)
+    likely = chances(stage, best, history)
+    likely[stage.bank.rows([s.theta for s in history.samples[: history.answered]])] = 0.0
+    along = None
+    if agent.simulations.candidates is None:
+        along = tuple(trend(stage.bank.z, stage.costs, best).tolist())
+    return replace(found, chance_of_better=float(likely.max()), trend=along)
+
+
+def _reason(agent: Screening, stage: Stage) -> Reason | None:
+    query = agent.ask()
+    if query.incumbent is None:
+        return None
+    try:
+        new, best = stage.bank.rows([query.challenger.theta, query.incumbent.theta]).tolist()
+    except KeyError:  # a person asked for it
+        return None
+    found = reason_for(stage, new, best, agent.history)
+    if agent.simulations.holds is None:
+        return found
+    return replace(found, kept=int(agent.simulations.runs_kept(stage.bank.thetas[[new]])[0]))
+
+
+def _carried(agent: Screening, known: Findings) -> Findings:
+    """Add what the answer to the open query can change or, at the end, what carries the result."""
+    past = agent.history.until(agent.history.answered)
+    if not known.over:
+        return replace(known, stakes=_stakes(agent, past))
+    if agent.best_index is None or not past.lessons():
+        return known
+    stage, pool = agent.stage(agent.history), agent.growth.pool(past)
+    best = stage.bank.find(agent.best)
+    return replace(
+        known,
+        best=agent.best_index,
+        influences=influences(pool, past),
+        menu=_menu(agent, stage, past, best),
+        wishes=tuple(wishes(pool, past, stage.spread, best).items()),
+        robustness=None if agent.simulations.holds is None else _robustness(agent, stage, past, best),
+    )
+
+
+def _stakes(agent: Screening, past: History) -> float | None:
+    query = None if agent.done else agent.ask()
+    if query is None or query.incumbent is None or query.further:
+        return None
+    past = past.with_pending(agent.history.samples[query.challenger.index])
+    try:
+        agent.bank.find(query.challenger.theta)
+    except KeyError:  # a person asked for it
+        return None
+    return stakes(agent.growth.pool(past), past, query.incumbent.index)
+
+
+def _menu(agent: Screening, stage: Stage, past: History, best: int) -> tuple[Alternative, ...]:
+    rows = np.array(others(stage.costs, stage.logs, ~stage.bank.hopeless, best), dtype=np.int64)
+    held = rows[agent.simulations.runs_kept(stage.bank.thetas[rows]) == ENOUGH].tolist()
+    thetas = stage.bank.thetas[held].tolist()
+    gained = [reason_for(stage, row, best, past).better_in for row in held]
+    return tuple(Alternative(tuple(theta), gains) for theta, gains in zip(thetas, gained, strict=True))
+
+
+def _robustness(agent: Screening, stage: Stage, past: History, best: int) -> RobustResult:
+    bank, rival = stage.bank, int(np.argmax(worth(stage.costs).mean(axis=0)))
+    kept, other = agent.simulations.runs_kept(bank.thetas[[best, rival]]).tolist()
+    if rival == best or other == ENOUGH:
+        return RobustResult(kept)
+    names = reason_for(stage, rival, best, past).better_in
+    pairs = bank.kpis[[best, rival]][:, [bank.names.index(name) for name in names]].T.tolist()
+    costs = ((name, ours, theirs) for name, (ours, theirs) in zip(names, pairs, strict=True))
+    # Of what never arrives no price can be said.
+    return RobustResult(kept, tuple(each for each in costs if isfinite(each[1]) and isfinite(each[2])))
+
+
+def _smaller(agent: Screening, known: Findings) -> Findings:
+    """Add the smallest change that is as good as the result."""
+    past = agent.history.until(agent.history.answered)
+    stage = agent.stage(agent.history)
+    if agent.best_index is None or not past.lessons() or stage.rough or not stage.scale.names:
+        return known
+    best, draws = agent.best, cautious(agent.growth.pool(past), past)
+
+    def worse(thetas: Float[np.ndarray, "p n"]) -> Float[np.ndarray, " p"]:
+        bank = agent.growth.extended(agent.bank, agent.space.encode_all(thetas), thetas)
+        return noticed_worse(draws, stage.scale(bank, bank.rows([best, *thetas])))
+
+    start = np.array(past.samples[0].theta)
+    return replace(known, smaller=smaller_change(best, start, agent.space, worse))
