@@ -6,7 +6,6 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
-from hashlib import sha256
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -28,6 +27,7 @@ from prefcal_app.report.record import (
     claim_default,
     claim_given,
     gain_of,
+    identity_of,
     result_table,
 )
 from prefcal_app.session import Background, Interview, Phase, unattended
@@ -40,7 +40,7 @@ from prefcal_env.compiling import Compiling
 from prefcal_env.disk import digest_of
 from prefcal_env.errors import RecordError, RunError, SettingsError, SimulationError, StudyError
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.study import State, study_path, to_text
+from prefcal_env.study import State, study_path
 from prefcal_env.study.file import simulated_beside
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.described.description import listed, words_to_resume
@@ -51,7 +51,6 @@ from prefcal_scenarios.scenario import Scenario
 from prefcal_scenarios.wording import labeled, printable, theta_text
 
 from .choices import (
-    IN_MEMORY,
     Opened,
     by_now,
     follows_cost,
@@ -467,7 +466,7 @@ def _simulator(stack: ExitStack, opened: Opened, scenario: Scenario, keep: bool)
 
 def _claim(opened: Opened, scenario: str) -> Ownership:
     """Claim the folder of the report: the requested one, or a free default one."""
-    owner, out = Owner(_identity(opened), opened.name, opened.options.scenario), opened.options.out
+    owner, out = Owner(identity_of(opened.file), opened.name, opened.options.scenario), opened.options.out
     return claim_default(default_folder(opened, scenario), owner) if out is None else claim_given(out, owner)
 
 
@@ -479,18 +478,6 @@ def default_folder(opened: Opened, scenario: str) -> Path:
     if opened.name is None:
         return Path(f"prefcal-{scenario}-{opened.options.seed}")
     return Path(f"prefcal-{study_path(opened.name).stem}")
-
-
-def _identity(opened: Opened) -> str:
-    """Return a text that is equal for two studies only if they are the same study.
-
-    A file is identified by its configuration and its start time, so a copy is the same study. A
-    study in memory is identified by its configuration alone, since the same command reproduces it
-    bit for bit.
-    """
-    first = next(iter(opened.file.events()))
-    at = "" if opened.file.path == IN_MEMORY else first.at
-    return sha256(f"{at}\n{to_text(first.event)}".encode()).hexdigest()[:16]
 
 
 def report_of(given: Mapping[str, Any]) -> None:

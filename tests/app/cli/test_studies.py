@@ -7,8 +7,10 @@ import sys
 
 import pytest
 
+from prefcal_app.report.export import tuning_of
 from prefcal_app.session import Choice
-from prefcal_env.study import Noted
+from prefcal_env.errors import StaleError
+from prefcal_env.study import Led, Noted, StudyFile, study_path
 from support.calibrated import calibrated, copied
 from support.interviews import begin, proceed
 from toy_study import TOY, toy_scenario
@@ -97,6 +99,35 @@ def test_a_report_is_written_of_any_study(prefcal, done, refused, study, tmp_pat
     assert json.loads(out)["experiments"] == 5
     first = (tmp_path / "prefcal-mine" / "best.json").read_text()
     assert (tmp_path / "again" / "best.json").read_text() == first
+
+
+@pytest.mark.parametrize("change", ["another leads", "another by hand", "a copy alone"])
+def test_a_tuning_that_is_not_the_best_of_its_study_any_more_is_refused(study, tmp_path, change):
+    best = tmp_path / "prefcal-mine" / "best.json"
+    content = json.loads(best.read_text())
+    assert tuning_of(best).theta.tolist() == list(content["theta"].values())
+    if change == "another by hand":
+        best.write_text(json.dumps({**content, "theta": {**content["theta"], "gain": 1.0}}))
+        match = f"experiment {content['experiment']}, with other values of the knobs, and the best of mine"
+    else:
+        if change == "a copy alone":
+            (best.parent / "study.json").unlink()  # a copy of best.json alone
+        with StudyFile.open(study_path("mine"), clock=str) as file:
+            other = next(i for i in range(5) if i != file.state.history.incumbent)
+            file.append(Led(other))  # answers one by one still name the first one
+        match = f"the best of mine is experiment {other + 1}. Write it anew: prefcal report mine"
+    with pytest.raises(StaleError, match=match):
+        tuning_of(best)
+
+
+def test_a_tuning_of_another_study_of_the_same_name_is_not_compared_with_this_one(prefcal, study, tmp_path):
+    best = tmp_path / "prefcal-mine" / "best.json"
+    study_path("mine").unlink()
+    assert tuning_of(best).baseline
+    assert prefcal("calibrate", TOY, *SYNTHETIC, "--n-max", "2", "--seed", "7", "--study", "mine")[0] == 0
+    assert tuning_of(best).baseline
+    (best.parent / "study.json").unlink()
+    assert tuning_of(best).baseline
 
 
 def test_parquet_without_pyarrow_is_refused_with_what_to_install(
