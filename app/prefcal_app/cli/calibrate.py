@@ -37,7 +37,6 @@ from prefcal_app.terminal import converse
 from prefcal_app.terminal.showing import say
 from prefcal_app.view.end import baseline_of
 from prefcal_env.compiling import Compiling
-from prefcal_env.disk import digest_of
 from prefcal_env.errors import RecordError, RunError, SettingsError, SimulationError, StudyError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.study import State, study_path
@@ -51,6 +50,7 @@ from prefcal_scenarios.scenario import Scenario
 from prefcal_scenarios.wording import labeled, printable, theta_text
 
 from .choices import (
+    IN_MEMORY,
     Opened,
     by_now,
     follows_cost,
@@ -144,7 +144,6 @@ def record_of(
     agent = state.configuration["agent"]
     winners = state.history.incumbents()  # after each closed query; the last is the best now
     waiting = sorted(index for index in state.finished if index >= state.history.answered)
-    kept = Path(interview.file.path)
     times = [recorded.at for recorded in interview.file.events()]
     return StudyRecord(
         scenario=interview.scenario,
@@ -169,7 +168,7 @@ def record_of(
         dates=tuple(dict.fromkeys((times[0], times[-1]))),
         baseline=baseline_of(state),
         fingerprint=_fingerprint(options, state),
-        digest=digest_of(kept) if options.by_a_person and kept.is_file() else "",
+        digest=interview.file.digest if options.by_a_person and interview.file.path != IN_MEMORY else "",
     )
 
 
