@@ -18,6 +18,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 from rich.text import Text
 
+from prefcal_agents.registry import agent_class
 from prefcal_app.report.export import versions
 from prefcal_app.report.record import (
     VERDICTS,
@@ -61,7 +62,7 @@ from .choices import (
     worth_keeping,
 )
 from .options import Options
-from .parameters import parameters_of
+from .parameters import kept_by, parameters_of
 from .studies.files import as_text, completed, existing, open_described
 
 # --- Handle Ctrl-C at any moment: acknowledge it, stop, and keep all results in whole files.
@@ -182,6 +183,30 @@ def _fingerprints(options: Options, state: State) -> tuple[str, str]:
     """Return the fingerprint of the scenario at the start, or now if that is not known, and now."""
     now = fingerprint(options.scenario)
     return str(state.configuration.get("fingerprint", now)), now
+
+
+def _changes(opened: Opened) -> Iterator[str]:
+    """Yield what is no longer as it was when a study was begun, and what that means."""
+    state, source = opened.file.state, opened.options.scenario
+    then, now = _fingerprints(opened.options, state)
+    if state.finished and then != now:
+        yield (
+            f"The files of {source} have changed since this study began: its {len(state.finished)} "
+            "experiments ran with the old ones, and are compared with new ones. If that matters, begin anew "
+            f"from what you know: prefcal calibrate {shlex.quote(source)} --start {opened.name}:best"
+        )
+    agent = state.configuration["agent"]
+    made, by = agent["version"], agent_class(agent["agent"]).version
+    if state.history.samples and made != by:
+        yield (
+            f"This study was begun with version {made} of {agent['agent']}: earlier proposals were made by "
+            f"that, the next ones are made by version {by}. Experiments and answers count as before."
+        )
+    if unknown := state.configuration["options"].keys() - {*kept_by(Options), "earlier"}:
+        yield (
+            f"This version of prefcal does not know {', '.join(sorted(unknown))}, with which this study was "
+            "begun: it goes on without."
+        )
 
 
 def references(scenario: Scenario, seed: int, say: Callable[[str], None]) -> dict[str, Experiment]:
@@ -325,6 +350,11 @@ class Calibration:
         if options.twin is not None and is_own(options.twin):
             words += ["--twin", options.twin]
         return shlex.join(words)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Return what is no longer as it was when a study that goes on now was begun, a line each."""
+        return tuple(_changes(self.opened)) if self.opened.resumed else ()
 
     @property
     def left(self) -> str:
@@ -596,14 +626,8 @@ def _introduce(work: Calibration) -> None:
     default = default_folder(opened, work.interview.scenario.name)
     if folder.name != default.name and work.options.out is None:
         work.say(f"{default} holds another study's report: this one goes to {folder}.")
-    state, source = opened.file.state, work.options.scenario
-    then, now = _fingerprints(work.options, state)
-    if opened.resumed and state.finished and then != now:
-        work.say(
-            f"The files of {source} have changed since this study began: its {len(state.finished)} "
-            "experiments ran with the old ones, and are compared with new ones. If that matters, begin anew "
-            f"from what you know: prefcal calibrate {shlex.quote(source)} --start {opened.name}:best"
-        )
+    for remark in work.remarks:
+        work.say(remark)
     if work.left:
         work.say(f"A run was interrupted: the plant's old values are restored now ({work.left}).")
 
@@ -644,7 +668,12 @@ def _in_window(work: Calibration, ctrl_c: Interruption) -> None:
     links = work.messages.file if options.json else None
     with (
         Window(
-            work.interview, host=options.host, port=options.port, again=work.again, command=options.command()
+            work.interview,
+            host=options.host,
+            port=options.port,
+            again=work.again,
+            command=options.command(),
+            remarks=work.remarks,
         ) as window,
         Background(work.interview),
     ):

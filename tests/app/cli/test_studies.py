@@ -10,7 +10,7 @@ import pytest
 from prefcal_app.report.export import tuning_of
 from prefcal_app.session import Choice
 from prefcal_env.errors import StaleError
-from prefcal_env.study import Led, Noted, StudyFile, study_path
+from prefcal_env.study import Led, Noted, StudyFile, Suggested, study_path
 from support.calibrated import calibrated, copied
 from support.interviews import begin, proceed
 from toy_study import TOY, toy_scenario
@@ -128,6 +128,26 @@ def test_a_tuning_of_another_study_of_the_same_name_is_not_compared_with_this_on
     assert tuning_of(best).baseline
     (best.parent / "study.json").unlink()
     assert tuning_of(best).baseline
+
+
+@pytest.mark.parametrize(
+    ("part", "said"),
+    [
+        ({"agent": {"version": 99}}, "with version 99 of RandomSearch: earlier proposals were made by that"),
+        ({"options": {"colour": "red"}}, "does not know colour, with which this study was begun"),
+        ({}, ""),
+    ],
+)
+def test_a_study_of_another_version_says_so_when_it_goes_on(prefcal, study, part, said):
+    with StudyFile.open(study_path("mine"), clock=str, reading=True) as file:
+        begun = next(file.events()).event.configuration
+        changed = {name: {**begun[name], **more} for name, more in part.items()}
+        with StudyFile.create("then.prefcal", {**begun, **changed}, clock=str) as then:
+            then.append(Suggested(0, file.state.history.samples[0].z, file.state.history.samples[0].theta))
+    code, _, err = prefcal("calibrate", TOY, *SYNTHETIC, "--study", "./then.prefcal", "--n-max", "5")
+    assert code == 0, err
+    assert said in " ".join(err.split())
+    assert ("this study was begun" in " ".join(err.split()).lower()) is bool(said)
 
 
 def test_parquet_without_pyarrow_is_refused_with_what_to_install(
