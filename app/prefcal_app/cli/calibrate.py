@@ -4,7 +4,7 @@ import shlex
 import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
@@ -296,6 +296,7 @@ def plain(text: str) -> str:
 
 # --- An open study with all that works on it: its interview, its simulator and its report.
 
+_SOON = 0.5  # seconds after which it is said what takes time, where no spinner can turn
 _KNOWN = 2.0  # longest wait, in seconds, for what a screening agent expects of its simulations in the end
 
 
@@ -460,15 +461,31 @@ def calibration(
     with ExitStack() as stack:
         stack.callback(claim.release)
         simulator = _simulator(stack, opened, scenario, keep) if asks else None
-        interview = Interview(
-            scenario,
-            opened.file,
-            ahead=asks and options.by_a_person,
-            asks=asks,
-            simulator=simulator,
-            at_once=options.at_once,
-        )
+        with _learning(opened.file.state, messages):
+            interview = Interview(
+                scenario,
+                opened.file,
+                ahead=asks and options.by_a_person,
+                asks=asks,
+                simulator=simulator,
+                at_once=options.at_once,
+            )
         yield Calibration(opened, interview, claim, messages)
+
+
+@contextmanager
+def _learning(state: State, messages: Console) -> Iterator[None]:
+    """Say what takes time while an agent learns all answers of a study anew: nothing of it is saved."""
+    words = f"Learning from the {len(state.answers)} answers of this study ..."
+    late = threading.Timer(_SOON, say, (messages, words))
+    late.daemon = True
+    try:
+        if not messages.is_terminal and state.answers:
+            late.start()
+        with messages.status(words) if state.answers else nullcontext():
+            yield
+    finally:
+        late.cancel()
 
 
 def _simulator(stack: ExitStack, opened: Opened, scenario: Scenario, keep: bool) -> Simulator | None:

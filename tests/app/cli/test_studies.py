@@ -4,9 +4,11 @@ import io
 import json
 import socket
 import sys
+import time
 
 import pytest
 
+from prefcal_app.cli import calibrate
 from prefcal_app.report.export import tuning_of
 from prefcal_app.session import Choice
 from prefcal_env.errors import StaleError
@@ -148,6 +150,20 @@ def test_a_study_of_another_version_says_so_when_it_goes_on(prefcal, study, part
     assert code == 0, err
     assert said in " ".join(err.split())
     assert ("this study was begun" in " ".join(err.split()).lower()) is bool(said)
+
+
+@pytest.mark.parametrize("seconds", [0.0, 0.2])
+def test_a_study_that_learns_for_long_before_it_goes_on_says_so(prefcal, study, monkeypatch, seconds):
+    class Slow(calibrate.Interview):
+        def __init__(self, *given, **more):
+            time.sleep(seconds)
+            super().__init__(*given, **more)
+
+    monkeypatch.setattr(calibrate, "Interview", Slow)
+    monkeypatch.setattr(calibrate, "_SOON", 0.1 if seconds else 60.0)
+    code, _, err = prefcal("report", "mine", "--scenario", TOY, "--out", "again")
+    assert code == 0, err
+    assert ("Learning from the 4 answers of this study ..." in err) is bool(seconds)
 
 
 def test_parquet_without_pyarrow_is_refused_with_what_to_install(
