@@ -8,7 +8,7 @@ from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
@@ -64,6 +64,9 @@ from .choices import (
 from .options import Options
 from .parameters import kept_by, parameters_of
 from .studies.files import as_text, completed, existing, open_described
+
+if TYPE_CHECKING:
+    from prefcal_app.web import Window
 
 # --- Handle Ctrl-C at any moment: acknowledge it, stop, and keep all results in whole files.
 
@@ -676,24 +679,28 @@ def _attended(work: Calibration, ctrl_c: Interruption) -> int:
     return INTERRUPTED if ctrl_c.pressed and not over else 0
 
 
+def _window(work: Calibration) -> "Window":
+    # Imported here: unattended runs need no web server.
+    from prefcal_app.web import Window
+
+    options = work.options
+    return Window(
+        work.interview,
+        host=options.host,
+        port=options.port,
+        again=work.again,
+        command=options.command(),
+        remarks=work.remarks,
+    )
+
+
 def _in_window(work: Calibration, ctrl_c: Interruption) -> None:
     """Serve the query window until it is closed."""
-    # Imported here: unattended runs need no web server.
-    from prefcal_app.web import Window, open_browser
+    from prefcal_app.web import open_browser
 
     options, told = work.options, None
     links = work.messages.file if options.json else None
-    with (
-        Window(
-            work.interview,
-            host=options.host,
-            port=options.port,
-            again=work.again,
-            command=options.command(),
-            remarks=work.remarks,
-        ) as window,
-        Background(work.interview),
-    ):
+    with _window(work) as window, Background(work.interview):
         if window.warning:
             work.say(window.warning)
         # A link stands on a line of its own, unwrapped and flushed, so that programs can read it.
