@@ -4,10 +4,13 @@ import errno
 import os
 import re
 import sqlite3
+import struct
+import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager, suppress
 from functools import cache
+from hashlib import sha256
 from itertools import count
 from pathlib import Path
 from types import MappingProxyType
@@ -342,6 +345,39 @@ def place_of(path: Path | str) -> tuple[int, int] | None:
     return found.st_dev, found.st_ino
 
 
+@contextmanager
+def _owning(path: Path | str) -> Iterator[None]:
+    """Keep all others from owning a file inside the block. SQLite and whoever reads do not notice.
+
+    SQLite's own lock, which other programs respect, ends for an instant at each step. On Linux this one
+    lasts, since it belongs to a handle of its own and ends with that, whoever closes the file meanwhile.
+
+    Raises:
+        StudyError: If somebody else owns it.
+    """
+    if place_of(path) in WRITTEN_HERE:
+        raise open_elsewhere(path)
+    handle = None
+    try:
+        if sys.platform == "linux":
+            import fcntl
+
+            with suppress(PermissionError):  # SQLite tells that it is read-only
+                handle = os.open(path, os.O_RDWR)
+            if handle is not None:
+                # Far behind the bytes that SQLite locks, the last of which is a gigabyte from the start.
+                lock = struct.pack("hhqqi4x", fcntl.F_WRLCK, os.SEEK_SET, 1 << 62, 1, 0)
+                try:
+                    fcntl.fcntl(handle, fcntl.F_OFD_SETLK, lock)
+                except OSError as error:  # some disks cannot lock in this way
+                    if error.errno in (errno.EACCES, errno.EAGAIN):
+                        raise open_elsewhere(path) from error
+        yield
+    finally:
+        if handle is not None:
+            os.close(handle)
+
+
 def _check_name(path: Path | str) -> None:
     try:
         name = os.fsencode(os.path.abspath(path))
@@ -498,7 +534,7 @@ def rename_study(old: Path | str, new: Path | str) -> None:
 @contextmanager
 def _alone(path: Path) -> Iterator[None]:
     """Lock the file: no other process has it open or can open it inside the block."""
-    with ExitStack() as opened:
+    with _owning(path), ExitStack() as opened:
         try:
             connection = opened.enter_context(closing(connect(path, timeout=_PATIENCE)))
             # In this mode, the first access locks the whole file, or fails if it is in use.
@@ -547,6 +583,7 @@ class StudyFile:
         self._checksum = 0  # of the last event
         self._address = os.path.abspath(path)  # the working folder may change
         self._place: tuple[int, int] | None = None  # device and inode; None if only read
+        self._owned = ExitStack()  # ends what keeps others from writing
         self._content = b""  # of the file, should others remove or overwrite it
         self._saved: tuple[int, Path] | None = None  # number of the last event, and the copy
         self.state = _UNBEGUN
@@ -612,6 +649,7 @@ class StudyFile:
     def _claim(self) -> None:
         """Lock the file for this process until it is closed, for all but readers."""
         connection = self._connection
+        self._owned.enter_context(_owning(self.path))
         connection.execute("PRAGMA busy_timeout = 500")
         try:
             # Not a log that outlives a crash and holds what is missing in the file itself.
@@ -781,6 +819,12 @@ class StudyFile:
         self._last, self._checksum = after
 
     @property
+    def digest(self) -> str:
+        """SHA-256 of the file in hexadecimal digits; to read the file itself would unlock it."""
+        with self._lock, told(self.path, "read"):
+            return sha256(self._connection.serialize()).hexdigest()
+
+    @property
     def in_place(self) -> bool:
         """Return whether the file is still where it was opened."""
         return self.path == ":memory:" or place_of(self._address) == self._place
@@ -872,6 +916,7 @@ class StudyFile:
         with self._lock:
             self._connection.close()
             WRITTEN_HERE.discard(self._place)
+            self._owned.close()
 
     def __enter__(self) -> Self:
         return self

@@ -13,6 +13,7 @@ from .pool import run_all as run_all
 from .pool import usable_cores as usable_cores
 from .worker import ATTEMPTS as ATTEMPTS
 from .worker import GRACE as GRACE
+from .worker import MARK as MARK
 from .worker import Terms as Terms
 from .worker import Worker as Worker
 from .worker import in_time as in_time

@@ -3,6 +3,8 @@
 import json
 import os
 import pickle
+import secrets
+import shutil
 import signal
 import subprocess
 import sys
@@ -13,6 +15,7 @@ from collections import deque
 from collections.abc import Callable, Hashable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from queue import Empty, Queue
 from typing import IO, Any, final
 
@@ -24,6 +27,9 @@ from .inside import Kind, Message, receive, send
 
 GRACE = 2.0
 """Seconds for the user's code to stop its plant (finally, with) before it is killed."""
+MARK = "PREFCAL_WORKER"
+"""Variable of the environment with the mark of a worker process; "prefcal-...-MARK-..." in the temporary
+folder is removed when the process has ended, however it did."""
 _LAST_WORDS = 0.2  # seconds for reading the last messages of an ended process
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """Variables from which libraries of linear algebra read their number of threads."""
@@ -74,6 +80,7 @@ class Process:
         limited = {} if terms.threads is None else dict.fromkeys(_THREADS, str(terms.threads))
         arguments = [sys.path, [period, terms.grace > 0], _POLITE if terms.gentle else 0]
         self._said: IO[bytes] | None = tempfile.TemporaryFile() if terms.quiet else None  # noqa: SIM115
+        self._mark = secrets.token_hex(4)
         # In its own process group, it gets no Ctrl-C from the terminal and ends with its children.
         self._process = subprocess.Popen(
             # -P: a file json.py in the folder of the shell hides no library.
@@ -82,7 +89,7 @@ class Process:
             stdout=subprocess.PIPE,
             stderr=self._said,
             start_new_session=os.name == "posix",
-            env=os.environ | limited,
+            env=os.environ | limited | {MARK: self._mark},
         )
         self.pid, self.owner, self.loaded = self._process.pid, os.getpid(), False
         self._grace, self._bell = terms.grace, bell
@@ -172,6 +179,8 @@ class Process:
         else:
             self._process.kill()
         self._process.wait()
+        for left in Path(tempfile.gettempdir()).glob(f"prefcal-*-{self._mark}-*"):
+            shutil.rmtree(left, ignore_errors=True)
         if self._said is not None:
             self._said.close()
 

@@ -5,7 +5,7 @@ import os
 import shutil
 import signal
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -96,10 +96,10 @@ class Served:
 
 
 @contextlib.contextmanager
-def window_on(scenario: Scenario, study: Path, n_max: int) -> Iterator[Served]:
+def window_on(scenario: Scenario, study: Path, n_max: int, remarks: Sequence[str] = ()) -> Iterator[Served]:
     """Serve an interview about `scenario` from this process, as `prefcal calibrate` does."""
     interview = begin(scenario, n_max=n_max, path=study, ahead=True)
-    with Window(interview) as window, Background(interview):
+    with Window(interview, remarks=remarks) as window, Background(interview):
         yield Served(window.link, study)
     interview.file.close()
 

@@ -4,12 +4,11 @@ import shlex
 import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
-from hashlib import sha256
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
@@ -19,6 +18,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 from rich.text import Text
 
+from prefcal_agents.registry import agent_class
 from prefcal_app.report.export import versions
 from prefcal_app.report.record import (
     VERDICTS,
@@ -28,6 +28,7 @@ from prefcal_app.report.record import (
     claim_default,
     claim_given,
     gain_of,
+    identity_of,
     result_table,
 )
 from prefcal_app.session import Background, Interview, Phase, unattended
@@ -37,10 +38,9 @@ from prefcal_app.terminal import converse
 from prefcal_app.terminal.showing import say
 from prefcal_app.view.end import baseline_of
 from prefcal_env.compiling import Compiling
-from prefcal_env.disk import digest_of
 from prefcal_env.errors import RecordError, RunError, SettingsError, SimulationError, StudyError
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.study import Concluded, State, study_path, to_text
+from prefcal_env.study import Concluded, State, study_path
 from prefcal_env.study.file import simulated_beside
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.described.description import listed, words_to_resume
@@ -62,8 +62,11 @@ from .choices import (
     worth_keeping,
 )
 from .options import Options
-from .parameters import parameters_of
+from .parameters import kept_by, parameters_of
 from .studies.files import as_text, completed, existing, open_described
+
+if TYPE_CHECKING:
+    from prefcal_app.web import Window
 
 # --- Handle Ctrl-C at any moment: acknowledge it, stop, and keep all results in whole files.
 
@@ -145,7 +148,6 @@ def record_of(
     agent = state.configuration["agent"]
     winners = state.history.incumbents()  # after each closed query; the last is the best now
     waiting = sorted(index for index in state.finished if index >= state.history.answered)
-    kept = Path(interview.file.path)
     # What prefcal says of the result comes when it is ready, which is nothing that anybody did.
     times = [each.at for each in interview.file.events() if not isinstance(each.event, Concluded)]
     return StudyRecord(
@@ -171,7 +173,7 @@ def record_of(
         dates=tuple(dict.fromkeys((times[0], times[-1]))),
         baseline=baseline_of(state),
         fingerprint=_fingerprint(options, state),
-        digest=digest_of(kept) if options.by_a_person and kept.is_file() else "",
+        digest=interview.file.digest if options.by_a_person and interview.file.path != IN_MEMORY else "",
     )
 
 
@@ -185,6 +187,30 @@ def _fingerprints(options: Options, state: State) -> tuple[str, str]:
     """Return the fingerprint of the scenario at the start, or now if that is not known, and now."""
     now = fingerprint(options.scenario)
     return str(state.configuration.get("fingerprint", now)), now
+
+
+def _changes(opened: Opened) -> Iterator[str]:
+    """Yield what is no longer as it was when a study was begun, and what that means."""
+    state, source = opened.file.state, opened.options.scenario
+    then, now = _fingerprints(opened.options, state)
+    if state.finished and then != now:
+        yield (
+            f"The files of {source} have changed since this study began: its {len(state.finished)} "
+            "experiments ran with the old ones, and are compared with new ones. If that matters, begin anew "
+            f"from what you know: prefcal calibrate {shlex.quote(source)} --start {opened.name}:best"
+        )
+    agent = state.configuration["agent"]
+    made, by = agent["version"], agent_class(agent["agent"]).version
+    if state.history.samples and made != by:
+        yield (
+            f"This study was begun with version {made} of {agent['agent']}: earlier proposals were made by "
+            f"that, the next ones are made by version {by}. Experiments and answers count as before."
+        )
+    if unknown := state.configuration["options"].keys() - {*kept_by(Options), "earlier"}:
+        yield (
+            f"This version of prefcal does not know {', '.join(sorted(unknown))}, with which this study was "
+            "begun: it goes on without."
+        )
 
 
 def references(scenario: Scenario, seed: int, say: Callable[[str], None]) -> dict[str, Experiment]:
@@ -279,6 +305,7 @@ def plain(text: str) -> str:
 
 # --- An open study with all that works on it: its interview, its simulator and its report.
 
+_SOON = 0.5  # seconds after which it is said what takes time, where no spinner can turn
 _KNOWN = 2.0  # longest wait, in seconds, for what is said of a result before its first report is written
 
 
@@ -333,6 +360,11 @@ class Calibration:
         if options.twin is not None and is_own(options.twin):
             words += ["--twin", options.twin]
         return shlex.join(words)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Return what is no longer as it was when a study that goes on now was begun, a line each."""
+        return tuple(_changes(self.opened)) if self.opened.resumed else ()
 
     @property
     def left(self) -> str:
@@ -446,15 +478,31 @@ def calibration(
     with ExitStack() as stack:
         stack.callback(claim.release)
         simulator = _simulator(stack, opened, scenario, keep) if asks else None
-        interview = Interview(
-            scenario,
-            opened.file,
-            ahead=asks and options.by_a_person,
-            asks=asks,
-            simulator=simulator,
-            at_once=options.at_once,
-        )
+        with _learning(opened.file.state, messages):
+            interview = Interview(
+                scenario,
+                opened.file,
+                ahead=asks and options.by_a_person,
+                asks=asks,
+                simulator=simulator,
+                at_once=options.at_once,
+            )
         yield Calibration(opened, interview, claim, messages)
+
+
+@contextmanager
+def _learning(state: State, messages: Console) -> Iterator[None]:
+    """Say what takes time while an agent learns all answers of a study anew: nothing of it is saved."""
+    words = f"Learning from the {len(state.answers)} answers of this study ..."
+    late = threading.Timer(_SOON, say, (messages, words))
+    late.daemon = True
+    try:
+        if not messages.is_terminal and state.answers:
+            late.start()
+        with messages.status(words) if state.answers else nullcontext():
+            yield
+    finally:
+        late.cancel()
 
 
 def _simulator(stack: ExitStack, opened: Opened, scenario: Scenario, keep: bool) -> Simulator | None:
@@ -481,7 +529,7 @@ def _simulator(stack: ExitStack, opened: Opened, scenario: Scenario, keep: bool)
 
 def _claim(opened: Opened, scenario: str) -> Ownership:
     """Claim the folder of the report: the requested one, or a free default one."""
-    owner, out = Owner(_identity(opened), opened.name, opened.options.scenario), opened.options.out
+    owner, out = Owner(identity_of(opened.file), opened.name, opened.options.scenario), opened.options.out
     return claim_default(default_folder(opened, scenario), owner) if out is None else claim_given(out, owner)
 
 
@@ -493,18 +541,6 @@ def default_folder(opened: Opened, scenario: str) -> Path:
     if opened.name is None:
         return Path(f"prefcal-{scenario}-{opened.options.seed}")
     return Path(f"prefcal-{study_path(opened.name).stem}")
-
-
-def _identity(opened: Opened) -> str:
-    """Return a text that is equal for two studies only if they are the same study.
-
-    A file is identified by its configuration and its start time, so a copy is the same study. A
-    study in memory is identified by its configuration alone, since the same command reproduces it
-    bit for bit.
-    """
-    first = next(iter(opened.file.events()))
-    at = "" if opened.file.path == IN_MEMORY else first.at
-    return sha256(f"{at}\n{to_text(first.event)}".encode()).hexdigest()[:16]
 
 
 def report_of(given: Mapping[str, Any]) -> None:
@@ -624,14 +660,8 @@ def _introduce(work: Calibration) -> None:
     default = default_folder(opened, work.interview.scenario.name)
     if folder.name != default.name and work.options.out is None:
         work.say(f"{default} holds another study's report: this one goes to {folder}.")
-    state, source = opened.file.state, work.options.scenario
-    then, now = _fingerprints(work.options, state)
-    if opened.resumed and state.finished and then != now:
-        work.say(
-            f"The files of {source} have changed since this study began: its {len(state.finished)} "
-            "experiments ran with the old ones, and are compared with new ones. If that matters, begin anew "
-            f"from what you know: prefcal calibrate {shlex.quote(source)} --start {opened.name}:best"
-        )
+    for remark in work.remarks:
+        work.say(remark)
     if work.left:
         work.say(f"A run was interrupted: the plant's old values are restored now ({work.left}).")
 
@@ -663,19 +693,28 @@ def _attended(work: Calibration, ctrl_c: Interruption) -> int:
     return INTERRUPTED if ctrl_c.pressed and not over else 0
 
 
+def _window(work: Calibration) -> "Window":
+    # Imported here: unattended runs need no web server.
+    from prefcal_app.web import Window
+
+    options = work.options
+    return Window(
+        work.interview,
+        host=options.host,
+        port=options.port,
+        again=work.again,
+        command=options.command(),
+        remarks=work.remarks,
+    )
+
+
 def _in_window(work: Calibration, ctrl_c: Interruption) -> None:
     """Serve the query window until it is closed."""
-    # Imported here: unattended runs need no web server.
-    from prefcal_app.web import Window, open_browser
+    from prefcal_app.web import open_browser
 
     options, telling = work.options, _Telling(work)
     links = work.messages.file if options.json else None
-    with (
-        Window(
-            work.interview, host=options.host, port=options.port, again=work.again, command=options.command()
-        ) as window,
-        Background(work.interview),
-    ):
+    with _window(work) as window, Background(work.interview):
         if window.warning:
             work.say(window.warning)
         # A link stands on a line of its own, unwrapped and flushed, so that programs can read it.

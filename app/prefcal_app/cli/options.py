@@ -19,6 +19,10 @@ SYNTHETIC = "synthetic"
 SCORE = "score"
 """Name of the calibrator if the agent learns from the scenario's score, with no comparisons."""
 
+MOST, MOST_PROCESSES, MOST_SEED = 10_000, 256, 2**63 - 1
+"""Largest number of experiments that a person or their agent could still handle, of processes that a
+machine could, and seed that a study file could hold."""
+
 BY_VALUE = tuple(word for word, row in WORDS.items() if row.by_value)
 """The agents that are told scores."""
 
@@ -120,24 +124,35 @@ class Options(Described):
     simulate: int = option(
         0,
         "N",
+        most=100_000,
         shown="1000; 0 if the scenario is not a quick simulation",
         kept=Kept("simulated unseen", least=0, agents=SIMULATING),
     )
     twin: str | None = option(None, "SCENARIO", shown="none", kept=Kept("twin", agents=SIMULATING))
     robust: bool = option(False, flag="--robust", kept=Kept("robust", agents=SIMULATING))
     study: str | None = option(None, "NAME_OR_PATH", shown="a new one, SCENARIO-1; unattended: none")
-    seed: int = option(0, "N", shown="0", kept=Kept("seed", always=True, least=0))
+    seed: int = option(0, "N", most=MOST_SEED, shown="0", kept=Kept("seed", always=True, least=0))
     n_init: int = option(
         10,
         "N",
+        most=MOST,
         shown="10; glisp: 2 per knob; screening: 1; at most half of --n-max",
         kept=Kept("initial experiments", always=True, least=1),
     )
     n_max: int = option(
-        50, "N", shown="50; screening: 11", kept=Kept("experiments", always=True, anew=True, least=1)
+        50,
+        "N",
+        most=MOST,
+        shown="50; screening: 11",
+        kept=Kept("experiments", always=True, anew=True, least=1),
     )
     questions_per_experiment: int = option(
-        1, "N", min=1, shown="1", kept=Kept("questions per experiment", anew=True, agents=("glisp",))
+        1,
+        "N",
+        min=1,
+        most=100,
+        shown="1",
+        kept=Kept("questions per experiment", anew=True, agents=("glisp",)),
     )
     start: tuple[str, ...] = option((), "THETA", shown="the agent's", kept=Kept("begins with"))
     taste: str | None = option(
@@ -146,7 +161,7 @@ class Options(Described):
     outcomes: bool = option(True, flag="--no-outcomes", kept=Kept("learns from KPIs", agents=("glisp",)))
     cost: str | None = option(None, "COST", shown="the scenario's score", kept=Kept("cost"))
     out: Path | None = option(None, "FOLDER", shown="./prefcal-STUDY; unattended: ./prefcal-SCENARIO-SEED")
-    at_once: int = option(1, "N", min=1, shown="1")
+    at_once: int = option(1, "N", min=1, most=MOST_PROCESSES, shown="1")
     terminal: bool = option(False, flag="--terminal")
     browser: bool = option(True, flag="--no-browser")
     host: str = option("127.0.0.1", "ADDRESS")
@@ -318,7 +333,7 @@ class LookOptions:
     terminal: bool = option(False, flag="--terminal")
     browser: bool = option(True, flag="--no-browser")
     host: str = option("127.0.0.1", "ADDRESS")
-    port: int = option(0, "N")
+    port: int = option(0, "N", min=0, max=65535)
     out: Path | None = option(None, "FILE.png")
     json: bool = option(False, flag="--json")
 
@@ -336,9 +351,9 @@ class VerifyOptions:
     """
 
     best: str = argument("BEST.json")
-    runs: int = option(299, "N")
+    runs: int = option(299, "N", most=100_000)
     range: tuple[str, ...] = option((), "NAME=CHANGE")
-    jobs: int | None = option(None, "N", shown="all cores")
+    jobs: int | None = option(None, "N", most=MOST_PROCESSES, shown="all cores")
     run_timeout: float | None = option(None, "SECONDS", shown="3600, an hour")
 
 

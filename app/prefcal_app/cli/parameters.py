@@ -55,12 +55,13 @@ def option(default: Any, metavar: str = "", *, kept: Kept | None = None, **more:
         default: Default value; a flag of type bool inverts it.
         metavar: Placeholder of the value; empty for a flag.
         kept: Rules if the study file keeps the value.
-        more: `flag`, if it is not --NAME; `shown`, the default as the help shows it; and further
-            arguments of `typer.Option`, such as a help that is computed.
+        more: `flag`, if it is not --NAME; `shown`, the default as the help shows it; `most`, the
+            largest number; and further arguments of `typer.Option`, such as a help that is computed.
     """
     names, shown = [more.pop("flag")] if "flag" in more else [], more.pop("shown", True)
+    most = more.pop("most", None)
     info = Option(*names, metavar=metavar, show_default=shown, **more)
-    return field(default=default, metadata={"info": info, "kept": kept})
+    return field(default=default, metadata={"info": info, "kept": kept, "most": most})
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +74,7 @@ class Parameter:
         default: Default value; MISSING if the parameter is required.
         info: Declaration for the parser: flag, help, placeholder.
         kept: Rules if the study file keeps the value; None if it applies to a single run.
+        most: Largest number that can be typed; None if there is no limit.
     """
 
     name: str
@@ -80,6 +82,7 @@ class Parameter:
     default: Any
     info: OptionInfo | ArgumentInfo
     kept: Kept | None
+    most: int | None = None
 
     @property
     def flag(self) -> str:
@@ -110,7 +113,16 @@ class Parameter:
         )
 
     def given(self, typed: Any) -> Any:
-        """Return the field's value for a parsed value; None if the study decides."""
+        """Return the field's value for a parsed value; None if the study decides.
+
+        Raises:
+            SettingsError: If it is a number that nobody can mean.
+        """
+        if self.most is not None and typed is not None and typed > self.most:
+            # Imported here: --help must not import numpy.
+            from prefcal_env.errors import SettingsError
+
+            raise SettingsError(f"{self.flag} must be at most {self.most}, got {typed}")
         if self.type is bool:
             if typed:  # a flag inverts its default
                 return not self.default
@@ -159,9 +171,9 @@ def parameters_of(options: type) -> Mapping[str, Parameter]:
     helps = {name: words for base in options.__mro__ for name, words in _args(base.__doc__ or "")}
     found = {}
     for f in fields(options):
-        info, kept = copy(f.metadata["info"]), f.metadata["kept"]
+        info, kept, most = copy(f.metadata["info"]), f.metadata["kept"], f.metadata.get("most")
         info.help = info.help or helps.get(f.name)  # python -OO has no docstrings
-        found[f.name] = Parameter(f.name, hints[f.name], f.default, info, kept)
+        found[f.name] = Parameter(f.name, hints[f.name], f.default, info, kept, most)
     first = [n for n, p in found.items() if n in own or isinstance(p.info, ArgumentInfo)]
     return {name: found[name] for name in dict.fromkeys([*first, *found])}
 

@@ -23,7 +23,7 @@ from prefcal_scenarios.names import is_own
 from prefcal_scenarios.own import file_in, joined_source, split_source
 from prefcal_scenarios.scenario import Scenario, with_ranges
 
-from .record import StudyRecord
+from .record import StudyRecord, refuse_outdated
 
 FORMAT = 1
 """Format of best.json."""
@@ -144,10 +144,12 @@ def tuning_of(path: str | Path) -> Tuning:
 
     Raises:
         ScenarioError: If the file is no best.json, or the scenario is unknown or has other knobs.
+        StaleError: If it is not the best of its study any more.
     """
     content, digest = _read(Path(path))
     scenario = _loaded(content, path)
     theta = _values(scenario, content["theta"], path)
+    refuse_outdated(Path(path), content)
     before = content.get("before") or {}
     start = before.get("theta")
     known = None if start is None else _values(scenario, start, path)

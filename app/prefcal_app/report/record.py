@@ -4,8 +4,10 @@ import csv
 import io
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
+from hashlib import sha256
 from itertools import count
 from math import inf
 from pathlib import Path
@@ -19,11 +21,12 @@ from prefcal_app.summary import VERDICTS as VERDICTS
 from prefcal_app.summary import Outlook, Spread
 from prefcal_app.view.end import FIRST, gain_view, gained
 from prefcal_app.view.question import cell, column, judged, row, table, theta_texts, theta_view
-from prefcal_env.errors import SettingsError
+from prefcal_env.errors import SettingsError, StaleError, StudyError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.panels import named
 from prefcal_env.knobs import theta_key
 from prefcal_env.preferences.answer import Comparison, Preference
+from prefcal_env.study import StudyFile, study_path, to_text
 from prefcal_env.wording import in_words, located
 from prefcal_scenarios.runs import WORST, grouped
 from prefcal_scenarios.scenario import KPI, Scenario
@@ -144,6 +147,56 @@ def _read(marker: Path) -> dict[str, object]:
     except (OSError, ValueError, RecursionError):
         return {}
     return content if isinstance(content, dict) else {}
+
+
+def identity_of(file: StudyFile) -> str:
+    """Return a text that is equal for two studies only if they are the same study.
+
+    A file is identified by its configuration and its start time, so a copy is the same study. A
+    study in memory is identified by its configuration alone, since the same command reproduces it
+    bit for bit.
+    """
+    first = next(iter(file.events()))
+    at = "" if file.path == ":memory:" else first.at
+    return sha256(f"{at}\n{to_text(first.event)}".encode()).hexdigest()[:16]
+
+
+def refuse_outdated(best: Path, content: Mapping[str, Any]) -> None:
+    """Refuse a best.json that is not the best of its study any more.
+
+    The study itself says which one that is. One that is not here, or cannot be read, says nothing.
+
+    Args:
+        best: The file, in the folder of a report or copied from there.
+        content: What is in it.
+
+    Raises:
+        StaleError: If the best of the study is another one.
+    """
+    owner = _read(best.parent / MARKER)
+    name = owner.get("study") or (content.get("origin") or {}).get("study")
+    above, theta = best.resolve().parent, np.array(list(content["theta"].values()))
+    with suppress(StudyError, StopIteration):
+        places = (place / study_path(str(name)) for place in (Path(), above, *above.parents))
+        path = next(place for place in places if name and place.is_file())
+        with StudyFile.open(path, clock=str, reading=True) as file:
+            if identity_of(file) != owner.get("identity") if owner else file.find_experiment(theta) is None:
+                return  # another study of this name
+            index, held = file.state.history.incumbent, content.get("experiment")
+            if index is None or not _is_experiment(file, index, content):
+                now = "nothing" if index is None else f"experiment {index + 1}"
+                other = ", with other values of the knobs" if now == f"experiment {held}" else ""
+                raise StaleError(
+                    f"{str(best)!r} is not the best of its study any more: it holds experiment {held}{other}"
+                    f", and the best of {name} is {now}. Write it anew: prefcal report {name}"
+                )
+
+
+def _is_experiment(file: StudyFile, index: int, content: Mapping[str, Any]) -> bool:
+    """Return whether a best.json holds this experiment of a study; a plant may have rounded its θ."""
+    theta, ran = file.state.history.samples[index].theta, file.experiment(file.state.finished[index]).theta
+    now = ran.tolist() if len(ran) == len(theta) else list(theta)  # knobs were added since it ran
+    return content.get("experiment") == index + 1 and list(content["theta"].values()) == now
 
 
 # --- Hold the content of a report: a study's comparisons, and what follows from them.

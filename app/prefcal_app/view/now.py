@@ -1,6 +1,6 @@
 """The whole screen as plain data: what is now, the history, and the status."""
 
-from collections.abc import Callable, Iterable, Set
+from collections.abc import Callable, Iterable, Sequence, Set
 from dataclasses import asdict
 from math import isfinite
 from pathlib import Path
@@ -94,6 +94,7 @@ def now_view(
     blind: bool = False,
     again: str = "",
     command: str = "",
+    remarks: Sequence[str] = (),
     report: Path | None = None,
     seen: Seen | None = None,
 ) -> dict[str, Any]:
@@ -104,6 +105,7 @@ def now_view(
         blind: Whether to leave out θ and roles, which are then not even sent.
         again: Command that resumes the study.
         command: Command that repeats the study from the start.
+        remarks: What is no longer as it was when the study was begun.
         report: Folder of the finished report.
         seen: Results computed earlier for this study's experiments; none if None.
     """
@@ -115,7 +117,7 @@ def now_view(
         "phase": now.phase.value,
         "blind": blind,
         "scenario": {"name": scenario.name, "title": scenario.title, "time_unit": time_unit},
-        "study": {"place": interview.file.path, "again": again},
+        "study": {"place": interview.file.path, "again": again, "remarks": list(remarks)},
         "progress": _progress(interview, now),
         "simulated": simulated_view(now),
         "can": sorted(now.can),

@@ -5,7 +5,7 @@ import logging
 import re
 import sys
 import threading
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import count
@@ -470,6 +470,7 @@ class Api:
         pace: How long pages may wait.
         again: Command that resumes the study.
         command: Command that repeats the study from the start.
+        remarks: What is no longer as it was when the study was begun.
         stopping: Event to set when no page may wait any more.
         waiting: What limits the pages that wait: theirs are not the threads of answers.
     """
@@ -481,6 +482,7 @@ class Api:
     pace: Pace = field(default_factory=Pace)
     again: str = ""
     command: str = ""
+    remarks: Sequence[str] = ()
     stopping: threading.Event = field(default_factory=threading.Event)
     waiting: anyio.CapacityLimiter = field(default_factory=lambda: anyio.CapacityLimiter(_TABS))
     _lock: threading.Lock = field(default_factory=threading.Lock)
@@ -594,6 +596,7 @@ class Api:
             blind=blind,
             again=self.again,
             command=self.command,
+            remarks=self.remarks,
             report=report,
             seen=self._seen,
         )

@@ -8,7 +8,7 @@ import sys
 import threading
 import time
 import webbrowser
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -284,6 +284,7 @@ class Window(Site):
         port: Port to listen on; 0 takes a free one.
         again: Command that resumes the study, shown on the page.
         command: Command that repeats the study, shown on the page.
+        remarks: What is no longer as it was when the study was begun, shown on the page.
         framed: Whether pages of this machine, such as a notebook, may show the window in a frame.
         clock: Monotonic clock, in seconds.
 
@@ -299,6 +300,7 @@ class Window(Site):
         port: int = 0,
         again: str = "",
         command: str = "",
+        remarks: Sequence[str] = (),
         framed: bool = False,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -306,7 +308,9 @@ class Window(Site):
         self.closed = threading.Event()
         self._reports = Reports()
         seen = self._presence.seen
-        self._api = Api(interview, self._reports, self.closed, seen, again=again, command=command)
+        self._api = Api(
+            interview, self._reports, self.closed, seen, again=again, command=command, remarks=remarks
+        )
         self._verifying = Verifying(self._reports)
         application = partial(make_app, self._api, framed=framed, verifying=self._verifying)
         super().__init__(application, host=host, port=port)

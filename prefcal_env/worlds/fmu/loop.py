@@ -23,9 +23,9 @@ from prefcal_env.experiments.experiment import Channels, End, Experiment, KPIs
 from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.tables.recorded import recorded
-from prefcal_env.workers import Terms, Worker
+from prefcal_env.workers import MARK, Terms, Worker
 
-from .model import Names, Variable, grid_of, read_model, referenced, shown, tuned
+from .model import Names, Variable, grid_of, read_model, referenced, refuse_bomb, shown, tuned
 from .simulation import FMUSimulation, Job, Reply
 
 _RUNS = 1_000  # number of runs after which the process is replaced, so that FMUs that leak stay small
@@ -114,12 +114,15 @@ def unpacked(path: Path) -> Path:
     """Return a new folder, with the contents of the FMU in its folder "fmu".
 
     Raises:
-        PlantError: If it cannot be unpacked.
+        PlantError: If it cannot be unpacked, or would fill the disk.
     """
     _remove_leftovers()
-    home = Path(tempfile.mkdtemp(prefix=f"{_PREFIX}{os.getpid()}-"))
+    # The worker that this is, if it is one, is ended before it could remove a large folder: its owner does.
+    mark = os.environ.get(MARK, "")
+    home = Path(tempfile.mkdtemp(prefix=f"{_PREFIX}{os.getpid()}-{mark}-"))
     try:
         with zipfile.ZipFile(path) as content:
+            refuse_bomb(content, path)  # it may have changed since it was read
             content.extractall(home / "fmu")
     except BaseException as error:  # Ctrl-C, too
         shutil.rmtree(home, ignore_errors=True)

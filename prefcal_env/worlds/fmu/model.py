@@ -50,6 +50,27 @@ def units_in(path: Path) -> tuple[Mapping[str, Scales], Mapping[str, bool]]:
     return display, relative
 
 
+_MOST, _BLOCK = 2e9, 4096  # largest size of all files of an FMU in bytes, and what the smallest one takes
+_HARMLESS, _RATIO = 50e6, 100  # size in bytes above which it may be so many times that of the FMU
+
+
+def refuse_bomb(content: zipfile.ZipFile, path: Path) -> None:
+    """Refuse an FMU that would fill the disk.
+
+    `zipfile` never unpacks more of a file than the sizes that are added here say.
+
+    Raises:
+        PlantError: If its files are too large together, or compressed as only empty ones can be.
+    """
+    size, packed = sum(max(file.file_size, _BLOCK) for file in content.infolist()), path.stat().st_size
+    if size > min(_MOST, max(_HARMLESS, _RATIO * packed)):
+        raise PlantError(
+            f"FMU {path.name!r} is not unpacked: its {packed / 1e6:.3g} MB would become {size / 1e9:.3g} GB; "
+            f"at most {_MOST / 1e9:g} GB, and above {_HARMLESS / 1e6:g} MB at most {_RATIO} times its size, "
+            "are expected. Export it again without large files"
+        )
+
+
 # --- What the model description of an FMU says: variables, units, limits, times.
 
 _REALS = {"Real", "Float64", "Float32"}
@@ -213,8 +234,12 @@ def _description(path: Path) -> Any:
         raise PlantError(f"no FMU at {str(path)!r}: give the path of a .fmu file")
     fmpy = world("fmu").imported()
     try:
+        with zipfile.ZipFile(path) as content:
+            refuse_bomb(content, path)
         found = fmpy.read_model_description(str(path), validate=False)
         platforms = fmpy.supported_platforms(str(path))
+    except PlantError:
+        raise
     except Exception as error:  # whatever FMPy, zipfile or lxml say about a file that is no FMU
         why = " ".join(str(error).split())
         raise PlantError(

@@ -1,6 +1,7 @@
 """Connect to a live plant over OPC UA, with the package asyncua (extra `opcua`)."""
 
 import asyncio
+import logging
 import threading
 from collections.abc import Coroutine, Sequence
 from concurrent.futures import CancelledError
@@ -36,6 +37,8 @@ class OPCUAPlant:
     ) -> None:
         # Without types: asyncua exports its names implicitly.
         self._asyncua: Any = world("live").imported()
+        # What it logs, such as the time limit of a session, is nothing for the terminal: errors are raised.
+        logging.getLogger("asyncua").addHandler(logging.NullHandler())
         if not address.startswith("opc.tcp://"):
             raise LiveError(f"the address of an OPC UA server begins with opc.tcp://, got {address!r}")
         if not (isfinite(timeout) and timeout > 0):

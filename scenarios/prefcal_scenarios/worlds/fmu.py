@@ -1,5 +1,6 @@
 """Make a scenario of an FMU, with nothing but names and numbers, and vary its other parameters."""
 
+import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -14,6 +15,7 @@ from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Channels, Experiment
 from prefcal_env.knobs import Knob
 from prefcal_env.sources.source import Function, Source
+from prefcal_env.workers import MARK
 from prefcal_env.worlds.fmu import FMULoop, Model, Variable, in_unit, read_model
 from prefcal_scenarios.described.description import Description
 from prefcal_scenarios.scenario import Scenario
@@ -94,7 +96,8 @@ def fmu_scenario(
         space=loop.space,
         run=FMURun(loop),
         brief=brief or model.about,
-        simulated=_is_quick(FMULoop(*given, timeout=min(timeout, _PROBED))),
+        # A worker runs θ, and never asks: without this, each would unpack the FMU once more.
+        simulated=MARK not in os.environ and _is_quick(FMULoop(*given, timeout=min(timeout, _PROBED))),
     )
 
 

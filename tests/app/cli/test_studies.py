@@ -4,11 +4,15 @@ import io
 import json
 import socket
 import sys
+import time
 
 import pytest
 
+from prefcal_app.cli import calibrate
+from prefcal_app.report.export import tuning_of
 from prefcal_app.session import Choice
-from prefcal_env.study import Noted
+from prefcal_env.errors import StaleError
+from prefcal_env.study import Led, Noted, StudyFile, Suggested, study_path
 from support.calibrated import calibrated, copied
 from support.interviews import begin, proceed
 from toy_study import TOY, toy_scenario
@@ -97,6 +101,69 @@ def test_a_report_is_written_of_any_study(prefcal, done, refused, study, tmp_pat
     assert json.loads(out)["experiments"] == 5
     first = (tmp_path / "prefcal-mine" / "best.json").read_text()
     assert (tmp_path / "again" / "best.json").read_text() == first
+
+
+@pytest.mark.parametrize("change", ["another leads", "another by hand", "a copy alone"])
+def test_a_tuning_that_is_not_the_best_of_its_study_any_more_is_refused(study, tmp_path, change):
+    best = tmp_path / "prefcal-mine" / "best.json"
+    content = json.loads(best.read_text())
+    assert tuning_of(best).theta.tolist() == list(content["theta"].values())
+    if change == "another by hand":
+        best.write_text(json.dumps({**content, "theta": {**content["theta"], "gain": 1.0}}))
+        match = f"experiment {content['experiment']}, with other values of the knobs, and the best of mine"
+    else:
+        if change == "a copy alone":
+            (best.parent / "study.json").unlink()  # a copy of best.json alone
+        with StudyFile.open(study_path("mine"), clock=str) as file:
+            other = next(i for i in range(5) if i != file.state.history.incumbent)
+            file.append(Led(other))  # answers one by one still name the first one
+        match = f"the best of mine is experiment {other + 1}. Write it anew: prefcal report mine"
+    with pytest.raises(StaleError, match=match):
+        tuning_of(best)
+
+
+def test_a_tuning_of_another_study_of_the_same_name_is_not_compared_with_this_one(prefcal, study, tmp_path):
+    best = tmp_path / "prefcal-mine" / "best.json"
+    study_path("mine").unlink()
+    assert tuning_of(best).baseline
+    assert prefcal("calibrate", TOY, *SYNTHETIC, "--n-max", "2", "--seed", "7", "--study", "mine")[0] == 0
+    assert tuning_of(best).baseline
+    (best.parent / "study.json").unlink()
+    assert tuning_of(best).baseline
+
+
+@pytest.mark.parametrize(
+    ("part", "said"),
+    [
+        ({"agent": {"version": 99}}, "with version 99 of RandomSearch: earlier proposals were made by that"),
+        ({"options": {"colour": "red"}}, "does not know colour, with which this study was begun"),
+        ({}, ""),
+    ],
+)
+def test_a_study_of_another_version_says_so_when_it_goes_on(prefcal, study, part, said):
+    with StudyFile.open(study_path("mine"), clock=str, reading=True) as file:
+        begun = next(file.events()).event.configuration
+        changed = {name: {**begun[name], **more} for name, more in part.items()}
+        with StudyFile.create("then.prefcal", {**begun, **changed}, clock=str) as then:
+            then.append(Suggested(0, file.state.history.samples[0].z, file.state.history.samples[0].theta))
+    code, _, err = prefcal("calibrate", TOY, *SYNTHETIC, "--study", "./then.prefcal", "--n-max", "5")
+    assert code == 0, err
+    assert said in " ".join(err.split())
+    assert ("this study was begun" in " ".join(err.split()).lower()) is bool(said)
+
+
+@pytest.mark.parametrize("seconds", [0.0, 0.2])
+def test_a_study_that_learns_for_long_before_it_goes_on_says_so(prefcal, study, monkeypatch, seconds):
+    class Slow(calibrate.Interview):
+        def __init__(self, *given, **more):
+            time.sleep(seconds)
+            super().__init__(*given, **more)
+
+    monkeypatch.setattr(calibrate, "Interview", Slow)
+    monkeypatch.setattr(calibrate, "_SOON", 0.1 if seconds else 60.0)
+    code, _, err = prefcal("report", "mine", "--scenario", TOY, "--out", "again")
+    assert code == 0, err
+    assert ("Learning from the 4 answers of this study ..." in err) is bool(seconds)
 
 
 def test_parquet_without_pyarrow_is_refused_with_what_to_install(

@@ -49,9 +49,9 @@ def window(tmp_path, toy):
     """Serve a study, of the toy by default, from this process."""
     with contextlib.ExitStack() as served:
 
-        def start(scenario=None, n_max=13):
+        def start(scenario=None, n_max=13, **more):
             chosen = toy if scenario is None else load(scenario)
-            return served.enter_context(window_on(chosen, tmp_path / "mine.prefcal", n_max))
+            return served.enter_context(window_on(chosen, tmp_path / "mine.prefcal", n_max, **more))
 
         yield start
 

@@ -177,6 +177,16 @@ def test_marks_are_kept_and_shown(opened):
     assert sorted(map(sorted, served.state.marks.values())) == [[], ["unsafe"]]
 
 
+def test_what_changed_since_a_study_was_begun_is_shown_until_it_is_read(browser, window):
+    served, watched = window(remarks=["Its files have changed."]), Watched(browser)
+    watched.open(served.link)
+    assert watched.page.inner_text("#remarks p") == "Its files have changed."
+    watched.page.click("#remarks button")
+    watched.answer("ArrowLeft")
+    assert watched.page.is_hidden("#remarks")
+    assert watched.errors == []
+
+
 def test_blind_hides_what_is_which_and_does_not_even_send_it(opened):
     served, watched = opened()
     watched.page.keyboard.press("b")

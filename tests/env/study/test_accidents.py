@@ -6,6 +6,7 @@ import shutil
 import sqlite3
 import subprocess
 import sys
+from hashlib import sha256
 from pathlib import Path
 
 import pytest
@@ -162,6 +163,16 @@ try:
 except StudyError as error:
     print(error)
 """
+REMOVES = SECOND.replace("StudyFile.open(sys.argv[1], clock=str)", "remove_study(sys.argv[1])").replace(
+    "import StudyFile", "import remove_study"
+)
+LOCKED = """
+import sqlite3, sys
+try:
+    sqlite3.connect(sys.argv[1], timeout=0, isolation_level=None).execute("BEGIN IMMEDIATE")
+except sqlite3.OperationalError as error:
+    print(error)
+"""
 NAMES = {
     "relative": lambda path: path.parent / ".." / path.parent.name / path.name,
     "hard link": lambda path: os.link(path, path.with_name("b")) or path.with_name("b"),
@@ -182,6 +193,39 @@ def test_a_second_process_is_told_at_once_under_any_name(tmp_path, name):
         file.append(Noted("first"))
         assert verify(path) == ()
     assert notes(path) == ["first"]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere SQLite's lock alone is held")
+@pytest.mark.parametrize("second", [SECOND, REMOVES], ids=["opens", "removes"])
+def test_the_lock_lasts_between_two_steps(tmp_path, second):
+    path, said = tmp_path / "a.prefcal", []
+
+    def come_between(statement):
+        """Start another process just before SQLite locks the file again, as a rare one happens to."""
+        if statement == "BEGIN IMMEDIATE":
+            words = [sys.executable, "-c", second, path]
+            said.append(subprocess.run(words, capture_output=True, text=True, check=True).stdout)
+
+    with small_study(path) as file:
+        file._connection.set_trace_callback(come_between)
+        file.append(Noted("first"))
+        file._connection.set_trace_callback(None)
+    assert len(said) == 2
+    assert all("open in another process" in words for words in said)
+    assert notes(path) == ["first"]
+
+
+@POSIX
+def test_the_digest_of_an_open_study_is_that_of_its_file_and_unlocks_nothing(tmp_path):
+    path = tmp_path / "a.prefcal"
+    with small_study(path) as file:
+        file.append(Noted("first"))
+        found = file.digest
+        words = [sys.executable, "-c", LOCKED, path]
+        assert (
+            subprocess.run(words, capture_output=True, text=True, check=True).stdout == "database is locked\n"
+        )
+    assert found == sha256(path.read_bytes()).hexdigest()
 
 
 KILLED = """

@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import zipfile
@@ -11,7 +12,10 @@ import pytest
 
 from prefcal_env import Knob
 from prefcal_env.errors import PlantError, ScenarioError
+from prefcal_env.worlds.fmu import read_model
 from prefcal_env.worlds.fmu.loop import unpacked
+from prefcal_scenarios.isolated import isolation
+from prefcal_scenarios.own import joined_source
 from prefcal_scenarios.verification import replay, verify
 from prefcal_scenarios.worlds.fmu import fmu_scenario
 from worlds.fmu.building import built
@@ -139,3 +143,55 @@ def test_the_starter_of_an_fmu_runs_with_the_fmu_that_it_names(done, tmp_path):
     assert "Put the path of your FMU" in out
     out = done("check", "tank.toml")
     assert "settling time of level" in " ".join(out.split())
+
+
+def zeros(path, size, said=None):
+    """Write an FMU with a file of zeros of this size in bytes, whose headers perhaps say another one."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as content:
+        content.writestr("modelDescription.xml", "<x/>")
+        with content.open("resources/zeros", "w") as file:
+            for _ in range(size // 1_000_000):
+                file.write(bytes(1_000_000))
+        if said is not None:
+            content.infolist()[1].file_size = said
+    return path
+
+
+def test_a_bomb_is_refused_before_it_is_unpacked(there, tmp_path):
+    pytest.importorskip("fmpy")
+    path = zeros(tmp_path / "loop.fmu", 60_000_000)
+    words = r"FMU 'loop.fmu' is not unpacked: its 0\.05\d+ MB would become 0\.06 GB; at most 2 GB, and "
+    for look in (read_model, unpacked):
+        with pytest.raises(PlantError, match=words):
+            look(path)
+    with pytest.raises(PlantError, match="cannot unpack the FMU"):  # and not more than it said
+        unpacked(zeros(path, 60_000_000, said=1_000_000))
+    assert list(there.iterdir()) == []
+
+
+def test_many_empty_files_are_a_bomb_too(tmp_path, monkeypatch):
+    monkeypatch.setattr("prefcal_env.worlds.fmu.model._HARMLESS", 4096 * 1000)
+    monkeypatch.setattr("prefcal_env.worlds.fmu.model._RATIO", 10)
+    with zipfile.ZipFile(tmp_path / "loop.fmu", "w") as content:
+        for number in range(2000):
+            content.writestr(f"{number}", "")
+    with pytest.raises(PlantError, match=r"would become 0\.00819 GB"):
+        unpacked(tmp_path / "loop.fmu")
+
+
+def test_an_fmu_of_the_usual_kind_is_unpacked(there, tmp_path):
+    with zipfile.ZipFile(tmp_path / "loop.fmu", "w", zipfile.ZIP_DEFLATED) as content:
+        content.writestr("resources/table.csv", "0.1,0.2\n" * 5_000_000)
+        content.writestr("binaries/linux64/loop.so", os.urandom(1_000_000))
+    assert (unpacked(tmp_path / "loop.fmu") / "fmu" / "resources" / "table.csv").stat().st_size == 40_000_000
+
+
+def test_a_worker_of_an_fmu_that_is_killed_leaves_no_folder(there, tank, monkeypatch):
+    monkeypatch.setenv("TMPDIR", str(there))
+    scenario = joined_source(str(tank), {"knobs": {"K_p": {"low": 0.1, "high": 10}}})
+    with isolation(scenario, 60.0) as isolated:
+        source = isolated(fmu_scenario(tank, knobs=[Knob("K_p", 0.1, 10.0)])).source
+        assert len(source.run(np.array([1.0])).t)
+        assert len(list(there.iterdir())) == 1  # and the one of the simulation that was timed is gone
+        os.kill(source._workers[0].pid, signal.SIGKILL)
+    assert list(there.iterdir()) == []

@@ -1,6 +1,7 @@
 """A live rig over OPC UA, against a server in this process."""
 
 import socket
+import subprocess
 import sys
 import threading
 import time
@@ -67,6 +68,14 @@ def test_a_run_over_opc_ua_records_and_restores(tank, tmp_path):
     assert driven.experiment.end is End.TIME_UP
     assert driven.experiment.y[-1, 0] > 1.0
     assert [change.old for change in changes] == pytest.approx([1.0, 20.0, 1.0])
+
+
+def test_what_the_library_logs_is_not_printed(tank):
+    """The server grants a shorter session than was asked for, which the library warns of."""
+    words = "from prefcal_env.worlds.live import OPCUAPlant as P; p = P({!r}); p.connect(); p.close()"
+    code = words.format(tank.url)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("", "")
 
 
 def test_a_node_that_does_not_exist_or_is_not_writable_is_named(tank, tmp_path):

@@ -1,6 +1,6 @@
 // Draw the page: each phase and view has its own module, called when the state changes.
 
-import { $, DARK, el, say } from "./dom.js";
+import { $, DARK, button, el, fill, say } from "./dom.js";
 import { act, answer, can, finish, open, restoreComment, skip, start, state, toggleBlind, undo } from "./flow.js";
 import { showHistory } from "./history.js";
 import { drives, inPlace, mustRestore, showLive, showUnrestored, stopLive } from "./live.js";
@@ -75,6 +75,14 @@ function progress({ answered, questions, text }, simulated) {
   document.title = `${place} · ${state.now.scenario.title} · prefcal`;
 }
 
+// Show what is no longer as it was when the study was begun, until the person has read it.
+function remark(remarks) {
+  const place = $("remarks");
+  if (!remarks.length || place.childElementCount) return;
+  place.hidden = false;
+  fill(place, ...remarks.map((words) => el("p", {}, words)), button("Understood", () => { place.hidden = true; }));
+}
+
 // Show the sections and buttons of the current phase and view.
 function arrange() {
   const phase = state.now?.phase ?? "loading";
@@ -87,6 +95,7 @@ function arrange() {
   $("heading").textContent = shown === "question" && state.now.question.repeat ? "Once more: which is better?"
     : mustRestore(state.now) && phase === "confirm" ? "Restore the plant first" : HEADINGS[phase];
   if (state.now) showUnrestored(state.now, shown !== "live");
+  if (state.now) remark(state.now.study.remarks);
   $("verdicts").hidden = shown !== "question" || !can("answer");
   $("replace").hidden = !here || !can("record") || !state.now.rig?.recorded.length;
   $("stop-live").hidden = !drives(state.now);
