@@ -374,6 +374,7 @@ def margin_kpis(time_unit: str) -> tuple[KPI, ...]:
             better="higher",
             about=f"{about} Of {UNCONSTRAINED}.",
             resolution=step,
+            margin=True,
         )
         for name, title, unit, step, about in _KPIS
     )

@@ -137,7 +137,7 @@ def kpis_of(design: Design, outputs: tuple[Channel, ...], time: str, robust: flo
         "is usual, a large one is close to instability."
     )
     limit = _ROBUST if robust <= _ROBUST else np.inf
-    peak = _lower("M_s", "sensitivity peak M_s", "", about, at_most=limit, resolution=0.01)
+    peak = _lower("M_s", "sensitivity peak M_s", "", about, at_most=limit, resolution=0.01, margin=True)
     return (*found, peak)
 
 

@@ -444,7 +444,8 @@ def _reactor(function: Any) -> Subject:
     """
     given = {k: v for k, v in getattr(function, "keywords", {}).items() if k == "space"}
     found = of_closed_loop(ClosedLoop(cstr_env(), partial(controller, **given), compute_kpis))
-    return replace(found, factors=within(found.factors, {"E": 0.01, "R": 0.0}))
+    factors = within(found.factors, {"E": 0.01, "R": 0.0})
+    return replace(found, factors=tuple(replace(each, stated=False) for each in factors))
 
 
 def _overtaking(function: Any) -> Subject:

@@ -262,6 +262,23 @@ def test_a_controller_sees_its_own_command_within_the_range_and_not_the_backlash
     assert own.seen == [5.0, 7.0, 6.5, 9.0]
 
 
+def test_usual_margins_are_offered_where_none_is_limited_and_an_unstable_loop_is_called_so():
+    scenario = pid_scenario(HEATER)
+    loose = replace(scenario, kpis=tuple(replace(kpi, at_most=np.inf) for kpi in scenario.kpis))
+    theta = scenario.references["robust"]
+    verdicts = []
+    for factor in (1.0, 2.4, 5.0):
+        verdicts.append(verify(loose, theta * [factor, 1, 1, 1], 1, jobs=1).margin_verdict)
+    assert verdicts[0] == (
+        "No limit on a margin is stated. Usual are M_s ≤ 2, gain ≥ 6 dB, phase ≥ 30°: the nominal loop has "
+        "them all."
+    )
+    assert "the nominal loop does not have M_s ≤ 2" in verdicts[1]
+    assert verdicts[2] == "The nominal loop is not stable: it has no margins."
+    (M_s,) = (kpi for kpi in scenario.kpis if kpi.margin)
+    assert (M_s.name, M_s.at_most) == ("M_s", 2.0)
+
+
 def test_margins_as_kpis_are_those_of_the_varied_plant():
     scenario = pid_scenario(HEATER)
     theta = scenario.references["robust"]
@@ -406,6 +423,18 @@ def test_runs_are_counted_until_one_does_not_keep_the_limits():
     found, made = counted(lambda theta, run: {"time": np.inf if run == theta else 1.0}, thetas=thetas)
     assert found == [40, 0, 11]
     assert max(run for theta, run in (p for p in made if len(p) > 1) if theta == 1.0) == 2
+
+
+def test_a_limit_on_a_margin_is_not_judged_again_in_perturbed_runs():
+    reading = Reading({"M_s": 0.01, "time": 0.1}, {"M_s": 2.0, "time": 1.0})
+    made = [{"M_s": 1.9 + 0.1 * run, "time": 1.0 + (run == 30)} for run in range(41)]
+    theta = [np.array([0.0])]
+
+    def many(points):
+        return [made[int(point[1]) if len(point) > 1 else 0] for point in points]
+
+    found = [runs_kept(many, reading, theta, 40, margins=each) for each in ((), ["M_s"])]
+    assert found == [[1], [29]]
 
 
 def test_a_run_that_failed_or_was_unsafe_does_not_keep_the_limits():
