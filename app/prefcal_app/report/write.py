@@ -357,8 +357,8 @@ def _drawn(
     runs = [each for _, run in shown for each in (replace(run, values={}), run)]
     made = replays(tuning.scenario, tuning.theta, runs, timeout) if runs else []
     for (rank, run), nominal, varied in zip(shown, made[::2], made[1::2], strict=True):
-        labels = "nominal", f"worst run {rank + 1}: {run.words}"
-        yield rank, png(figure(tuning.scenario, nominal, varied, labels, own=True))
+        labels, words = ("nominal", f"worst run {rank + 1}"), f"Worst run {rank + 1}: {run.words}."
+        yield rank, png(figure(tuning.scenario, nominal, varied, labels, own=True, below=words))
 
 
 # --- Fill in the acceptance sheet of a study: one page, before and after, with lines to sign.
