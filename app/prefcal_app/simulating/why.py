@@ -157,14 +157,20 @@ def _held(kept: int, which: str) -> str:
 def robust(found: RobustResult, scenario: Scenario) -> Iterator[str]:
     """Yield how the result holds and what that costs, a sentence each."""
     yield _held(found.kept, "The result")
+    if found.kept < ENOUGH:
+        return  # nothing was paid
     kpis, parts = {kpi.name: kpi for kpi in scenario.kpis}, list[str]()
     for name, (ours, theirs) in found.costs.items():
-        share = (ours - theirs) / abs(theirs) if theirs else inf
-        if _LEAST <= share < inf:
+        share = (ours - theirs) / abs(theirs) if theirs else inf if ours > theirs else 0.0
+        if share >= _LEAST:
             title = kpis[name].title if name in kpis else name.replace("_", " ")
-            parts.append(f"about {100 * share:.0f} % of {title}")
-    costs = f"{_listed(parts[:_MOST])}: what promises most nominally does not hold"
-    yield f"Robustness costs {costs if parts else 'nothing noticeable'}."
+            # Of 0, or to never, there is no share.
+            parts.append(f"about {100 * share:.0f} % of {title}" if share < inf else title)
+    costs = _listed(parts[:_MOST]) or f"less than {percent(_LEAST)} of each KPI"
+    if found.costs:
+        yield f"Robustness costs {costs}: what promises most nominally does not hold."
+    else:
+        yield "Robustness costs nothing: no simulated θ that does not hold promises more."
 
 
 def menu_names(menu: Mapping[int, Sequence[str]], scenario: Scenario) -> dict[int, str]:
@@ -215,7 +221,7 @@ class Prospect:
         """Return whether something better can be expected."""
         said = self.certificate
         if said is not None and not said.explained:
-            return "The KPIs do not explain the answers well enough to say how much better is left."
+            return "The answers may follow from more than the KPIs: how much is left to gain is not said."
         if said is not None and said.share is not None and said.chance is not None:
             left = (
                 f"Of θ drawn at random instead, fewer than {percent(said.share)} are noticeably better (with "

@@ -6,13 +6,15 @@ from functools import partial
 import numpy as np
 import pytest
 
-from prefcal_agents.screening.agent import Certificate, Reason, Screening
+from prefcal_agents.screening.agent import Certificate, Reason, RobustResult, Screening
 from prefcal_app.session import Choice, Phase
 from prefcal_app.simulating import Carried, Prospect
-from prefcal_app.simulating.why import percent
+from prefcal_app.simulating.why import percent, robust
 from prefcal_app.view.end import smaller_view
 from prefcal_env.errors import KnobError, ProtocolError, ScenarioError, StaleError
+from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preferences.answer import Answer, Preference
+from prefcal_scenarios import KPI, Scenario
 from prefcal_scenarios.runs import screened
 from support.interviews import begin, proceed, reopened, worked
 from support.looks import toy
@@ -213,9 +215,31 @@ def test_it_says_how_many_random_experiments_the_result_is_equal_to(experiments,
     assert "random experiments" not in better_is_known
 
 
+@pytest.mark.parametrize(
+    ("kept", "costs", "words"),
+    [
+        (300, {}, "Robustness costs nothing: no simulated θ that does not hold promises more."),
+        (300, {"t_f": (4.3, 3.6)}, "Robustness costs about 19 % of time to steady state t_f: what promises"),
+        (300, {"t_f": (4.3, 0.0)}, "Robustness costs time to steady state t_f: what promises"),
+        (300, {"t_f": (np.inf, 3.6)}, "Robustness costs time to steady state t_f: what promises"),
+        (300, {"t_f": (3.61, 3.6)}, "Robustness costs less than 1 % of each KPI: what promises most"),
+        (12, {"t_f": (4.3, 3.6)}, ""),
+    ],
+)
+def test_what_robustness_costs_is_said_of_a_result_that_holds(kept, costs, words):
+    kpi = KPI("t_f", "time to steady state t_f", "h", better="lower")
+    scenario = Scenario("s", "S", KnobSpace([Knob("K", 0, 1)]), lambda theta, seed=0: None, kpis=(kpi,))
+    said = list(robust(RobustResult(kept, costs), scenario))
+    first = "The result keeps" if kept == 300 else "The result does not hold: perturbed run 13"
+    assert said[0].startswith(first)
+    assert len(said) == (2 if words else 1)
+    assert said[-1].startswith(words)
+
+
 def test_where_answers_do_not_follow_from_the_kpis_it_says_no_number():
     found = Prospect(940, 0.08, replace(CERTIFIED, share=None, chance=None))
-    assert found.text == "The KPIs do not explain the answers well enough to say how much better is left."
+    said = "The answers may follow from more than the KPIs: how much is left to gain is not said."
+    assert found.text == said
     assert found.offer == ""
 
 
