@@ -159,6 +159,7 @@ def robust(found: RobustResult, scenario: Scenario) -> Iterator[str]:
     yield _held(found.kept, "The result")
     if found.kept < ENOUGH:
         return  # nothing was paid
+    yield "They vary the plant and the noise; prefcal verify (V) varies sensors, actuators and task, too."
     kpis, parts = {kpi.name: kpi for kpi in scenario.kpis}, list[str]()
     for name, (ours, theirs) in found.costs.items():
         share = (ours - theirs) / abs(theirs) if theirs else inf if ours > theirs else 0.0

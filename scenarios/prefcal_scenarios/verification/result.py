@@ -449,8 +449,8 @@ def _next(found: Verification, scenario: Scenario) -> tuple[str, ...]:
     theta = zip(scenario.space, found.tuning.theta.tolist(), strict=True)
     start = ", ".join(f"{knob.name}={knob_number(knob, value)}" for knob, value in theta)
     robust = (
-        f'look for one that holds: the command of the study with --robust --start "{start}", and with '
-        "--taste and the study's name, which keeps your answers"
+        f'look for one that holds on other plants: the command of the study with --robust --start "{start}", '
+        "and with --taste and the study's name, which keeps your answers"
     )
     return (*((robust,) if scenario.simulated else ()), *found.advice)
 

@@ -232,7 +232,8 @@ def test_what_robustness_costs_is_said_of_a_result_that_holds(kept, costs, words
     said = list(robust(RobustResult(kept, costs), scenario))
     first = "The result keeps" if kept == 300 else "The result does not hold: perturbed run 13"
     assert said[0].startswith(first)
-    assert len(said) == (2 if words else 1)
+    assert len(said) == (3 if words else 1)
+    assert not words or "verify (V) varies sensors, actuators and task, too" in said[1]
     assert said[-1].startswith(words)
 
 
