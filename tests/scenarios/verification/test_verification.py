@@ -136,6 +136,42 @@ def test_a_pid_on_a_plant_of_ones_own_is_varied():
     assert verified.tuning.margins.phase > 40
 
 
+def test_start_size_and_direction_of_the_step_vary_and_kpis_are_measured_by_the_new_one():
+    scenario = pid_scenario(HEATER)
+    theta, subject = scenario.references["robust"], found(scenario)
+    assert not [text for text in subject.left_out if "references" in text]
+    nominal = scenario.run(theta)
+    y0, step = nominal.output(0)[0], 10.0
+    assert nominal.y_ref[0, 0] - y0 == pytest.approx(step)
+    for values, start, size in (
+        ({"size of the step": 1.2}, y0, 1.2),
+        ({"direction": -1.0, "direction of the load": -1.0}, y0, -1.0),
+        ({"start": 0.1}, y0 + 0.1 * step, 1.0),
+        ({"start": -0.1, "size of the step": 0.8, "direction": -1.0}, y0 - 0.1 * step, -0.8),
+    ):
+        made = subject.at(values)(theta)
+        assert made.output(0)[0] == pytest.approx(start)
+        assert made.y_ref[0, 0] == pytest.approx(start + size * step)
+        half = made.t < 0.49 * made.duration
+        shape = (made.output(0) - start) / (size * step)
+        same = (nominal.output(0) - y0) / step
+        np.testing.assert_allclose(shape[half], same[half], atol=1e-6)  # the plant is linear
+        for name in ("settling_time", "overshoot"):
+            assert made.kpis[name] == pytest.approx(nominal.kpis[name], abs=0.01)
+    turned = subject.at({"direction of the load": -1.0})(theta)
+    assert turned.kpis["disturbance_peak"] == pytest.approx(nominal.kpis["disturbance_peak"], rel=0.02)
+    before = nominal.u[len(nominal.u) // 2 - 5]
+    assert turned.u[-1] - before == pytest.approx(before - nominal.u[-1], rel=0.01)
+
+
+def test_near_a_limit_the_step_stays_and_that_is_said():
+    narrow = [Channel("temperature", "°C", high=61.0)]
+    tight = Plant.of(([0.8], [160.0, 28.0, 1.0]), inputs=[Channel("valve", "%", 0, 100)], outputs=narrow)
+    subject = found(pid_scenario(tight))
+    assert "direction" not in [f.name for f in subject.factors]
+    assert "references and start are not varied: a limit of the plant is near" in subject.left_out
+
+
 GRID = [[([12.0], [16.0, 1]), ([-18.0], [20.0, 1])], [([6.5], [11.0, 1]), ([-19.0], [14.0, 1])]]
 LATE = {
     "input": lambda by: Plant.of(([0.8], [20, 1]), delay=7.0 * by),
