@@ -152,6 +152,8 @@ class VariedLoop:
             "no rate of an actuator is stated, so none is varied": self.task.max_move is not None,
             "the task has no steps of a load, so none is varied": self._loaded,
             "sampling jitter is not varied: a period has one length": self.jitters,
+            "no lag of the actuators that nobody modeled is added: see the delay margin": False,
+            "a bias of the sensors is not varied: it moves the output, whatever the tuning": False,
         }
         left_out = (*said, *(text for text, there in missing.items() if not there))
         factors = (*factors_of(self.plant, self.task.measurement_delay), *self._others())
