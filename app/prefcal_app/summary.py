@@ -351,7 +351,7 @@ def foreseen(chance: float | None, index: int | None) -> str:
         index: Index of the experiment; None if it is not proposed yet.
     """
     if chance is None:
-        return "The KPIs do not explain your answers well enough to say how likely the next run is better."
+        return "Your answers may follow from more than the KPIs: how good the next run may be is not said."
     which = "the next run" if index is None else f"experiment {index + 1}"
     better = f"{which} is noticeably better than the best is {100 * chance:.0f} %"
     return f"By the answers so far, the chance that {better}."

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -103,8 +104,9 @@ UNCONSTRAINED = "the unconstrained law, linearized at the operating point"
 _SMALL = 1e-4  # size of the impulse, as a share of the input's range: far from limits, and above rounding
 _LOOKS = tuple(64 * 2**k for k in range(9))
 """Numbers of samples after which to look whether a response has died out. After the last one, a
-slow loop counts as stable if the response still shrinks; its slowest part is cut off."""
+slow loop counts as stable if the response still shrinks; its slowest part is continued, see `_tail`."""
 _NOTHING = 1e-6  # loop gain below which its phase is rounding: no gain that matters brings it to -1
+_STEADY = 100.0  # steady loop gain above which there may be integral action: it is infinite but for rounding
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +158,8 @@ def margins(plant: Plant, task: Task, make: Callable[[], Controller], *, settle:
         settle: Samples before the impulse, in which an estimator finds its steady gain.
 
     Raises:
-        SettingsError: If an input is at one of its limits, so that there is no linear law.
+        SettingsError: If an input is at one of its limits, or the controller answers large deviations
+            but no small ones (a dead band), so that there is no linear law.
         PlantError: If a derivative of the plant is not finite.
     """
     start = _Start.of(plant, task)
@@ -166,16 +169,37 @@ def margins(plant: Plant, task: Task, make: Callable[[], Controller], *, settle:
         return UNSTABLE
     length = max(map(len, known))
     S = np.stack([np.pad(record, ((0, length - len(record)), (0, 0))) for record in known], axis=2)
-    T_s = make().T_s
+    T_s, ratio = make().T_s, _tail(S)
 
     def response(omega: Float[np.ndarray, " m"]) -> Complex[np.ndarray, "m n n"]:
+        back = np.exp(-1j * omega * T_s)[:, None, None]
+        rest = S[-1] * back ** (length - 1) * ratio * back / (1 - ratio * back)
         if len(omega) * length < 100_000:
-            return np.tensordot(np.exp(-1j * np.outer(omega * T_s, np.arange(length))), S, 1)
-        values = np.polynomial.polynomial.polyval(np.exp(-1j * omega * T_s), S)
-        return np.moveaxis(np.asarray(values), -1, 0)
+            died = np.tensordot(np.exp(-1j * np.outer(omega * T_s, np.arange(length))), S, 1)
+        else:
+            values = np.polynomial.polynomial.polyval(np.exp(-1j * omega * T_s), S)
+            died = np.moveaxis(np.asarray(values), -1, 0)
+        return np.asarray(died + rest)
 
-    # From a tenth of what so many samples can tell to Nyquist's frequency.
-    return margins_of(response, np.geomspace(0.2 * np.pi / (length * T_s), np.pi / T_s, 1500))
+    # From a tenth of what so many samples, or the slowest part, can tell to Nyquist's frequency.
+    slowest = min([2 * np.pi / length, *(0.1 * (1 - ratio[ratio > 0]))])
+    return margins_of(response, np.geomspace(0.1 * slowest / T_s, np.pi / T_s, 1500))
+
+
+def _tail(S: Float[np.ndarray, "N n n"]) -> Float[np.ndarray, " n"]:
+    """Return by what factor each input's response shrinks from sample to sample after the last look.
+
+    What is left of a slow integral by then is little, but it lasts: without it the loop would seem to
+    have no integral action, and the phase at a low crossing is wrong. 0 for a response that has died
+    out, or whose rest is not a single exponential.
+    """
+    span = _LOOKS[-1] // 4
+    if len(S) < _LOOKS[-1]:
+        return np.zeros(S.shape[2])
+    before, last = S[-1 - span], S[-1]
+    share = (before * last).sum(axis=0) / np.maximum((before**2).sum(axis=0), 1e-300)
+    alike = np.abs(last - share * before).max(axis=0) <= 1e-3 * np.abs(last).max(axis=0)
+    return np.where(alike & (share > 0) & (share < 1), np.clip(share, 0, 1) ** (1 / span), 0.0)
 
 
 def margins_of(sensitivity: Response, omega: Float[np.ndarray, " m"]) -> Margins:
@@ -260,21 +284,41 @@ class _Start:
                 first, _, before, late = (float(part.max()) for part in quarters)
                 if late <= 1e-9 * max(before, first):
                     break
-                if len(rows) == _LOOKS[-1] and not late < 0.99 * before:
+                if len(rows) == _LOOKS[-1] and not late < 0.9999 * before:
                     return None
+        if not np.any(rows[1:]):
+            self._check_answers(model, make(), j, 1e3 * impulse)
         return np.array(rows)
 
+    def _check_answers(
+        self, model: LinearSystem, controller: Controller, j: int, load: Float[np.ndarray, " n_u"]
+    ) -> None:
+        """Raise SettingsError if a controller answers a lasting load, though no small impulse."""
+        rows = islice(self._inputs(model, controller, load, 0, lasting=True), _LOOKS[5])
+        if any(np.any(row != load) for row in rows):
+            raise SettingsError(
+                "the controller answers no small deviations, but large ones, as with a dead band (input "
+                f"{self.plant.inputs[j].name!r}): it is not linear where it starts, so it has no margins; "
+                "leave the dead band out to see those of the law outside it"
+            )
+
     def _inputs(
-        self, model: LinearSystem, controller: Controller, impulse: np.ndarray, settle: int
+        self,
+        model: LinearSystem,
+        controller: Controller,
+        impulse: np.ndarray,
+        settle: int,
+        *,
+        lasting: bool = False,
     ) -> Iterator[np.ndarray]:
-        """Yield the deviations of the plant's inputs from the impulse on, each shape (n_u,)."""
+        """Yield the deviations of the plant's inputs, (n_u,), from the impulse on, which may last."""
         n, z, du, T_s = len(self.x), np.zeros(len(model.A)), np.zeros(len(self.u)), model.dt
         for k in range(settle + _LOOKS[-1]):
             seen = model.C @ z
             x, y = self.x + seen[:n], self.y + seen[n:]
             move = controller.move(Measurement(k * T_s, x, self.u + du, self.d, self.y_ref, y))
             du = (move.u if move.solved else self.u + du) - self.u
-            acting = du + impulse if k == settle else du
+            acting = du + impulse if k == settle or (lasting and k > settle) else du
             if k >= settle:
                 yield acting
             z = model.A @ z + model.B @ acting
@@ -286,12 +330,17 @@ def _loop(S: np.ndarray) -> np.ndarray:
 
 
 def _phase_crossings(at: Callable[[float], complex], omega: np.ndarray, L: np.ndarray) -> Iterator[float]:
-    """Yield the negative real values of a loop gain; at Nyquist's frequency it is always real."""
+    """Yield the negative real values of a loop gain; at rest and at Nyquist's frequency it is always real."""
     negative = ((L.real[:-1] < 0) | (L.real[1:] < 0)) & (np.abs(L[1:]) > _NOTHING)
     for crossing in _crossings(at, np.imag, omega, L, negative):
         value = at(crossing)
         if value.real < 0 and abs(value.imag) <= 1e-6 * abs(value):
             yield value.real
+    with np.errstate(all="ignore"):
+        rest = at(0.0)
+    # Steady feedback that holds an unstable plant may not fall to 1: a pole would drift off without a swing.
+    if -_STEADY < rest.real < -_NOTHING and abs(rest.imag) <= 1e-9 * abs(rest.real):
+        yield rest.real
     if L.real[-1] < -_NOTHING and abs(L.imag[-1]) <= 1e-9 * abs(L.real[-1]):
         yield float(L.real[-1])
 
@@ -374,6 +423,7 @@ def margin_kpis(time_unit: str) -> tuple[KPI, ...]:
             better="higher",
             about=f"{about} Of {UNCONSTRAINED}.",
             resolution=step,
+            margin=True,
         )
         for name, title, unit, step, about in _KPIS
     )

@@ -344,6 +344,8 @@ class KPI:
             (see docs/outcomes.md); "" if the run returns it.
         of: Name of the KPI whose value this one reads, for a direction that is not known: then an agent
             learns from one that is better lower and one that is better higher, and people see neither.
+        margin: Whether it is a margin of the nominal loop, such as M_s. `prefcal verify` judges its
+            limit there alone: margins are what is left for plants that differ.
 
     Attributes:
         goal: Direction of improvement; "target" is the middle of the objective's range; None if
@@ -365,6 +367,7 @@ class KPI:
     resolution: float | None = None
     formula: str = ""
     of: str = ""
+    margin: bool = False
     goal: Literal["lower", "higher", "target"] | None = field(init=False, repr=False, compare=False)
     step: float = field(init=False, repr=False, compare=False)
 

@@ -323,7 +323,7 @@ def most_promising(
     risk = np.zeros(len(points)) if penalty is None else penalty(points)
     fine = np.atleast_1d(space.allows(space.decode_all(points))) & (risk == 0.0)
     if not fine.all():  # random θ take their place, or a best θ at an unsafe place would hold all steps there
-        others = space.snap_all(random_points(space, np.count_nonzero(~fine), rng))
+        others = space.snap_all(random_points(space, int(np.count_nonzero(~fine)), rng))
         points = np.vstack([points[fine], others])
         risk = np.zeros(len(points)) if penalty is None else penalty(points)
     value = expected_best(fit.costs(points, rng), fit.row(best.theta))[len(fit.kept) :]

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from math import isfinite
+from math import isinf
 
 import numpy as np
 from jaxtyping import Float
@@ -59,11 +59,12 @@ class RobustResult:
     Args:
         kept: How many perturbed runs keep the limits before one does not.
         costs: KPIs in which another θ is better that promises most, but does not hold, what matters
-            most first; each with its values of the best θ and of the other one, lower is better.
+            most first; each with the share of its value by which the best θ is worse, None where there
+            is no share: of 0, or if it never arrives.
     """
 
     kept: int
-    costs: tuple[tuple[str, float, float], ...] = ()
+    costs: tuple[tuple[str, float | None], ...] = ()
 
 
 def reason_for(stage: Stage, new: int, best: int, history: History) -> Reason:
@@ -285,9 +286,11 @@ def _robustness(agent: Screening, stage: Stage, past: History, best: int) -> Rob
         return RobustResult(kept)
     names = reason_for(stage, rival, best, past).better_in
     pairs = bank.kpis[[best, rival]][:, [bank.names.index(name) for name in names]].T.tolist()
-    costs = ((name, ours, theirs) for name, (ours, theirs) in zip(names, pairs, strict=True))
-    # Of what never arrives no price can be said.
-    return RobustResult(kept, tuple(each for each in costs if isfinite(each[1]) and isfinite(each[2])))
+    return RobustResult(kept, tuple((n, _share(*pair)) for n, pair in zip(names, pairs, strict=True)))
+
+
+def _share(ours: float, theirs: float) -> float | None:
+    return None if not theirs or isinf(ours) else (ours - theirs) / abs(theirs)
 
 
 def _smaller(agent: Screening, known: Findings) -> Findings:

@@ -21,7 +21,7 @@ from prefcal_env.study import study_path
 from prefcal_env.tables import TableColumns
 from prefcal_scenarios.described.description import listed
 from prefcal_scenarios.scenario import KPI
-from prefcal_scenarios.verification.result import EFFECTS, FILE, Verified
+from prefcal_scenarios.verification.result import EFFECTS, FILE, VARIED, Verified
 from prefcal_scenarios.wording import printable
 
 from .calibrate import interruption, plain
@@ -214,17 +214,25 @@ def _ask(said: Verified, folder: Path, console: Console) -> None:
 
 def show(said: Verified, console: Console) -> None:
     """Print a verification in a terminal."""
-    say(console, said.statement, said.limits_kept)
-    console.print(_table(said.kpi_columns, said.kpis))
+    say(console, "Does it hold?", f"  {said.statement}", f"  {said.limits_kept}")
+    for line in said.advice:
+        say(console, f"  {_sentence(line)}")
+    if said.varied:
+        console.print(_table(VARIED, said.varied))
+    for line in said.left_out:
+        say(console, f"  {_sentence(line)}")
+    say(console, "What margin has it?", f"  {_sentence(said.basis)}")
+    if said.margins_kept:
+        say(console, f"  {said.margins_kept}")
     if said.margins:
         console.print(_table(said.margin_columns, said.margins))
+    console.print(_table(said.kpi_columns, said.kpis))
     for line in _lines(said):
         say(console, line)
 
 
 def _lines(said: Verified) -> Iterator[str]:
-    """Yield what hurts most, the worst runs, and what was not varied."""
-    yield _sentence(said.basis)
+    """Yield what hurts most, and the worst runs."""
     if said.effects:  # they come after all random runs, and an interruption may end before
         yield "What hurts most, one at a time:"
     yield from (f"  {text}" for text in said.effects[:EFFECTS])
@@ -232,9 +240,6 @@ def _lines(said: Verified) -> Iterator[str]:
         yield "Worst runs:"
     for each in said.worst:
         yield f"  {each.words}: {each.text}"
-    if said.varied:
-        yield f"Varied: {', '.join(said.varied)}."
-    yield from map(_sentence, said.left_out)
 
 
 def _sentence(text: str) -> str:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from .record import StudyRecord, foremost_kpis
 # --- Draw closed-loop runs, overlaid or side by side.
 
 _ACROSS = 3  # largest number of maneuvers next to each other; more would be too narrow to read
-_LINE = 76  # number of characters of θ that fit above half of a figure
+_LINE, _WIDE = 76, 130  # number of characters of θ that fit above half of a figure, and of text under it
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +92,7 @@ def figure(
     labels: tuple[str, str] = ("1", "2"),
     *,
     own: bool = False,
+    below: str = "",
 ) -> Figure:
     """Draw two experiments side by side on equal axes, a row for each panel and maneuver.
 
@@ -100,6 +102,7 @@ def figure(
         right: Right experiment.
         labels: Labels of the left and the right experiment.
         own: Whether each has targets and limits of its own, as on a varied plant.
+        below: Text under the figure, which has room for a long one: titles take it from the curves.
     """
     pair = (DrawnRun(left, labels[0], BEST, 1.9), DrawnRun(right, labels[1], OTHERS[0], 1.9))
     parts = maneuvers_of(left, right)
@@ -110,13 +113,17 @@ def figure(
             heading = part if curve is pair[0] else ""
             blocks.append(_Block(heading, rows, [replace(curve, experiment=run)], own))
     with style():
-        drawn, tops = _drawn(blocks, 2, 0.8 + 1.75 * sum(len(b.rows) for b in blocks) / 2)
+        said = wrap(below, _WIDE)
+        height = 0.8 + 1.75 * sum(len(b.rows) for b in blocks) / 2 + 0.2 * len(said)
+        drawn, tops = _drawn(blocks, 2, height)
         up = 15 if any(parts) else 0  # above the name of the first maneuver
         thetas = [_theta_lines(scenario, curve.experiment.theta) for curve in pair]
         label = 24 + 12 * max(map(len, thetas)) + up
         for axes, curve, lines in zip(tops[:2], pair, thetas, strict=True):
             _above(axes, "\n".join(lines), 21 + up, color=FAINT, fontsize=8.5)
             _above(axes, curve.label, label, color=curve.color, fontweight="bold")
+        if said:
+            drawn.supxlabel("\n".join(said), x=0.01, ha="left", fontsize=9)
     return drawn
 
 

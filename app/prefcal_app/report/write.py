@@ -29,7 +29,7 @@ from prefcal_scenarios.scenario import Picture, Scenario
 from prefcal_scenarios.style import png, style
 from prefcal_scenarios.verification import Verification, verify
 from prefcal_scenarios.verification.plants import Ranges
-from prefcal_scenarios.verification.result import BEST, Verified, VerifiedRun, WorstRun, margins_said
+from prefcal_scenarios.verification.result import BEST, STATED, Verified, VerifiedRun, WorstRun, margins_said
 from prefcal_scenarios.verification.result import FILE as VERIFICATION
 from prefcal_scenarios.verification.varied_runs import RUNS, replays, unvaried
 from prefcal_scenarios.wording import folder_for, knob_number, number, put, with_subscripts, with_unit
@@ -185,21 +185,26 @@ def unverified(record: StudyRecord, why: str = "") -> Answers:
     except ScenarioError:  # such as a file that runs in a process of its own
         found = ["prefcal verify best.json computes them if the plant is known as equations"]
     said = margins_said(found, both[0].channels.time_unit)
-    return [("Margins", _margins(*said)), ("Other plants", f"{_RUN} {why}." if why else _RUN)]
+    return [("Other plants", f"{_RUN} {why}." if why else _RUN), ("Margins", _margins(*said))]
 
 
 def verified_answers(verified: Verified) -> Answers:
     """Return what was verified: margins, other plants, what varied, and what nobody looked at."""
-    found = {
-        "Margins": _margins(verified.margins, verified.basis),
-        "Other plants": f"{verified.statement} {verified.limits_kept}",
-    }
+    margins = f"{verified.margins_kept} {_margins(verified.margins, verified.basis)}"
+    found = {"Other plants": f"{verified.statement} {verified.limits_kept}", "Margins": margins.strip()}
+    if verified.advice:
+        found["What next"] = _sentences(verified.advice)
     for worst in verified.worst[:1]:
         found["Worst run"] = f"{worst.words}{f' ({worst.verdict})' if worst.verdict else ''}: {worst.text}."
     found["Hurts most"] = next(iter(verified.effects), _UNKNOWN)
-    found["Varied"] = f"{'; '.join(verified.varied) or 'nothing'}. Beyond these ranges: {_UNKNOWN}."
-    found["Not verified"] = " ".join(f"{text[:1].upper()}{text[1:]}." for text in verified.left_out) or "–"
+    rows = (f"{name} {span}{f' ({kind})' * (kind == STATED)}" for name, span, kind in verified.varied)
+    found["Varied"] = f"{'; '.join(rows) or 'nothing'}. Beyond these ranges: {_UNKNOWN}."
+    found["Not verified"] = _sentences(verified.left_out) or "–"
     return [(question, _short(answer, "verification.json")) for question, answer in found.items()]
+
+
+def _sentences(texts: Sequence[str]) -> str:
+    return " ".join(f"{text[:1].upper()}{text[1:]}." for text in texts)
 
 
 def _margins(rows: Sequence[Sequence[str]], basis: str) -> str:
@@ -352,8 +357,8 @@ def _drawn(
     runs = [each for _, run in shown for each in (replace(run, values={}), run)]
     made = replays(tuning.scenario, tuning.theta, runs, timeout) if runs else []
     for (rank, run), nominal, varied in zip(shown, made[::2], made[1::2], strict=True):
-        labels = "nominal", f"worst run {rank + 1}: {run.words}"
-        yield rank, png(figure(tuning.scenario, nominal, varied, labels, own=True))
+        labels, words = ("nominal", f"worst run {rank + 1}"), f"Worst run {rank + 1}: {run.words}."
+        yield rank, png(figure(tuning.scenario, nominal, varied, labels, own=True, below=words))
 
 
 # --- Fill in the acceptance sheet of a study: one page, before and after, with lines to sign.

@@ -325,7 +325,8 @@ class Simulator:
         self.candidates = source.candidates
         directed = has_goals(scenario)
         run = verification.varied_runs.Perturbed(scenario, seed) if robust else source
-        self.holds = partial(verification.varied_runs.runs_kept, self.many, self.reading) if robust else None
+        margins, judge = {kpi.name for kpi in scenario.kpis if kpi.margin}, verification.varied_runs.runs_kept
+        self.holds = partial(judge, self.many, self.reading, margins=margins) if robust else None
         self._task = Task(run, seed, trajectories=not directed)
         # They are gentle: the page has its processor even if there is a worker on each core. This
         # process runs built-in scenarios, too, until the first worker is ready.

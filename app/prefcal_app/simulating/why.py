@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from math import inf
 
 from prefcal_agents.result import Influence, SmallerChange
 from prefcal_agents.screening.agent import MOST, Certificate
@@ -151,14 +150,19 @@ def _held(kept: int, which: str) -> str:
 def robust(found: RobustResult, scenario: Scenario) -> Iterator[str]:
     """Yield how the result holds and what that costs, a sentence each."""
     yield _held(found.kept, "The result")
+    if found.kept < ENOUGH:
+        return  # nothing was paid
+    yield "They vary the plant and the noise; prefcal verify (V) varies sensors, actuators and task, too."
     kpis, parts = {kpi.name: kpi for kpi in scenario.kpis}, list[str]()
-    for name, ours, theirs in found.costs:
-        share = (ours - theirs) / abs(theirs) if theirs else inf
-        if _LEAST <= share < inf:
+    for name, share in found.costs:
+        if share is None or share >= _LEAST:
             title = kpis[name].title if name in kpis else name.replace("_", " ")
-            parts.append(f"about {100 * share:.0f} % of {title}")
-    costs = f"{_listed(parts[:_MOST])}: what promises most nominally does not hold"
-    yield f"Robustness costs {costs if parts else 'nothing noticeable'}."
+            parts.append(title if share is None else f"about {100 * share:.0f} % of {title}")
+    costs = _listed(parts[:_MOST]) or f"less than {percent(_LEAST)} of each KPI"
+    if found.costs:
+        yield f"Robustness costs {costs}: what promises most nominally does not hold."
+    else:
+        yield "Robustness costs nothing: no simulated θ that does not hold promises more."
 
 
 def menu_names(menu: Sequence[Alternative], scenario: Scenario) -> list[str]:
@@ -211,7 +215,7 @@ def promise(found: Findings) -> str:
     if chance is None:
         return ""
     if said is not None and not said.explained:
-        return "The KPIs do not explain the answers well enough to say how much better is left."
+        return "The answers may follow from more than the KPIs: how much is left to gain is not said."
     if said is not None and said.share is not None and said.chance is not None:
         left = (
             f"Of θ drawn at random instead, fewer than {percent(said.share)} are noticeably better (with "

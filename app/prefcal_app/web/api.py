@@ -406,15 +406,14 @@ def _view(said: "verification.result.Verified", folder: Path) -> dict[str, Any]:
         "best": said.best,
         "statement": said.statement,
         "limits": said.limits_kept,
+        "margins": said.margins_kept,
+        "advice": list(said.advice),
         "basis": said.basis,
-        "tables": [
-            table(label, heads, [row(name, list(map(cell, cells))) for name, *cells in rows])
-            for label, heads, rows in (
-                ("Stability margins", said.margin_columns, said.margins),
-                ("KPIs of the varied plants", said.kpi_columns, said.kpis),
-            )
-            if rows
-        ],
+        "varied": _tables(("What varied", verification.result.VARIED, said.varied)),
+        "tables": _tables(
+            ("Stability margins", said.margin_columns, said.margins),
+            ("KPIs of the varied plants", said.kpi_columns, said.kpis),
+        ),
         "effects": list(said.effects[: verification.result.EFFECTS]),
         "worst": [
             {
@@ -426,9 +425,17 @@ def _view(said: "verification.result.Verified", folder: Path) -> dict[str, Any]:
             }
             for each, name in zip(said.worst, map(report.write.picture, count()), strict=False)
         ],
-        "varied": list(said.varied),
         "left_out": list(said.left_out),
     }
+
+
+def _tables(*given: tuple[str, Sequence[str], Sequence[Sequence[str]]]) -> list[dict[str, Any]]:
+    """Return the tables with these labels, headings and rows, without empty ones."""
+    return [
+        table(label, heads, [row(name, list(map(cell, cells))) for name, *cells in rows])
+        for label, heads, rows in given
+        if rows
+    ]
 
 
 # --- Handle the requests of the page's script.

@@ -51,8 +51,12 @@ class Measure:
     laws: Laws  # controllers of all θ
 
     def around(self, plant: Plant, task: Task) -> "Measure":
-        """Return the same KPIs of another plant, which starts as `task` says."""
-        found = self.design.around(plant, task.x0, task.u0, task.disturbance(0.0))
+        """Return the same KPIs of another plant, which starts and steps as `task` says."""
+        d, phase = task.disturbance(0.0), self.design.phase
+        found, y = self.design.around(plant, task.x0, task.u0, d), plant.g(task.x0, task.u0, d)
+        steps = ((loop, loop.output, task.reference(k * phase)) for k, loop in enumerate(found.loops))
+        moved = (replace(loop, start=float(y[j]), target=float(r[j])) for loop, j, r in steps)
+        found = replace(found, loops=tuple(moved))
         return replace(self, design=found, laws=self.laws.around(plant, found))
 
     def __call__(self, experiment: Experiment) -> dict[str, float]:
@@ -137,7 +141,7 @@ def kpis_of(design: Design, outputs: tuple[Channel, ...], time: str, robust: flo
         "is usual, a large one is close to instability."
     )
     limit = _ROBUST if robust <= _ROBUST else np.inf
-    peak = _lower("M_s", "sensitivity peak M_s", "", about, at_most=limit, resolution=0.01)
+    peak = _lower("M_s", "sensitivity peak M_s", "", about, at_most=limit, resolution=0.01, margin=True)
     return (*found, peak)
 
 

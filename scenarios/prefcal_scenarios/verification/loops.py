@@ -58,6 +58,9 @@ NOISE, GRAIN, PLAY, LOAD = "noise", "resolution of sensors", "backlash", "size o
 JITTER, _JITTER, _MOST = "sampling jitter", 0.1, 0.49
 """Largest jitter, as a share of the period: the usual and the possible one."""
 MOVE, SHIFT, REFERENCE, DIRECTION = "rate of the actuators", "start", "size of the step", "direction"
+TURN = "direction of the load"
+_ROOM = 2.0  # distance of a limit from start and targets, in steps, that leaves room for other references
+_ENDS = (-_OFFSET, 1 + SIZE + _OFFSET)  # what a varied start and reference reach, in steps
 Build = Callable[[Plant, Task, Y, U], Callable[..., Experiment]]
 """Function of plant, task, resolution of the sensors, shape (n_y,), and half backlash of the
 actuators, shape (n_u,), that returns the run; the controller stays as it is designed."""
@@ -73,8 +76,13 @@ def of_closed_loop(loop: ClosedLoop) -> Subject:
         )
     discrete = getattr(env.plant, "sample_time", 0.0) > 0
     build = partial(_built, loop)
-    varied = VariedLoop(env.plant, env.task, build, loop.controller, jitters=not discrete)
-    return varied.subject("references and start are not varied: the KPIs are those of this step")
+    moves, said = tuple[str, ...](), ["references and start are not varied: the KPIs are those of this step"]
+    if isinstance(loop.kpis, Measure):
+        targets = [(each.output, each.target) for each in loop.kpis.design.loops]
+        moves = tuple(_moves(env.plant, env.task, env.plant.outputs, targets, _ENDS))
+        said = [] if moves else ["references and start are not varied: a limit of the plant is near"]
+    varied = VariedLoop(env.plant, env.task, build, loop.controller, jitters=not discrete, moves=moves)
+    return varied.subject(*said)
 
 
 def _built(loop: ClosedLoop, plant: Plant, task: Task, grain: Y, play: U) -> ClosedLoop:
@@ -82,6 +90,41 @@ def _built(loop: ClosedLoop, plant: Plant, task: Task, grain: Y, play: U) -> Clo
     make = worn if grain.any() or play.any() else loop.controller
     kpis = loop.kpis.around(plant, task) if isinstance(loop.kpis, Measure) else loop.kpis
     return ClosedLoop(PlantEnv(plant, task), make, kpis)
+
+
+def _moves(
+    plant: Plant,
+    task: Task,
+    limits: Sequence[Channel],
+    targets: Sequence[tuple[int, float]],
+    ends: Sequence[float] = (),
+) -> Iterator[str]:
+    """Yield what can vary of the step: all if no limit of an output is near, and the other side exists.
+
+    Args:
+        plant: Plant.
+        task: Task.
+        limits: Limits of each output.
+        targets: Index of an output and its reference after the step, in the order of the loops.
+        ends: Shares of the step at which the plant must rest within its limits, too.
+    """
+    x0, u0, d = task.x0, task.u0, task.disturbance(0.0)
+    chosen = list(targets)[: len(plant.inputs)]
+    y0, all_limits = plant.g(x0, u0, d), (*plant.states, *plant.inputs)
+    for k, target in chosen[:1] if not ends else chosen:
+        room = min(min(y0[k], target) - limits[k].low, limits[k].high - max(y0[k], target))
+        if room < _ROOM * abs(target - y0[k]):
+            return
+
+    def rests(share: float) -> bool:
+        aims = [float(y0[k] + share * (target - y0[k])) for k, target in chosen]
+        found = rest(plant, x0, u0, d, [k for k, _ in chosen], aims)
+        if found is None:
+            return False
+        return all(c.low <= v <= c.high for c, v in zip(all_limits, np.concatenate(found), strict=True))
+
+    if all(map(rests, ends)):
+        yield from (REFERENCE, SHIFT, *([DIRECTION] if rests(-1.0) else []))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,6 +152,8 @@ class VariedLoop:
             "no rate of an actuator is stated, so none is varied": self.task.max_move is not None,
             "the task has no steps of a load, so none is varied": self._loaded,
             "sampling jitter is not varied: a period has one length": self.jitters,
+            "no lag of the actuators that nobody modeled is added: see the delay margin": False,
+            "a bias of the sensors is not varied: it moves the output, whatever the tuning": False,
         }
         left_out = (*said, *(text for text, there in missing.items() if not there))
         factors = (*factors_of(self.plant, self.task.measurement_delay), *self._others())
@@ -144,6 +189,7 @@ class VariedLoop:
             yield Factor.around(MOVE, "actuator", SIZE, possible=(LEAST, np.inf))
         if self._loaded:
             yield Factor.around(LOAD, "task", SIZE, possible=NOT_NEGATIVE)
+            yield Factor(TURN, "task", 1.0, -1.0, 1.0, ends=True)
         steps = (
             Factor.around(REFERENCE, "task", SIZE, possible=(LEAST, np.inf)),
             Factor(SHIFT, "task", 0.0, -_OFFSET, _OFFSET, "of the step"),
@@ -184,10 +230,13 @@ class VariedLoop:
             noise = values.get(NOISE, 1.0) * np.asarray(task.noise)
         else:
             noise = values.get(NOISE, 0.0) * self._step
-        if LOAD in values and isinstance(d, StepSignal):
-            d = _scaled(d, np.asarray(d.start, dtype=float), values[LOAD])
+        load = values.get(LOAD, 1.0) * values.get(TURN, 1.0)
+        if load != 1.0 and isinstance(d, StepSignal):
+            d = _scaled(d, np.asarray(d.start, dtype=float), load)
         x0, u0 = self._rest(plant, values.get(SHIFT, 0.0))
         y_ref: Signal = task.y_ref
+        if self.moves and not callable(y_ref):
+            y_ref = StepSignal(y_ref, ())
         if self.moves and isinstance(y_ref, StepSignal):
             size = values.get(REFERENCE, 1.0) * values.get(DIRECTION, 1.0)
             y_ref = _scaled(y_ref, self.start, size, plant.g(x0, u0, task.disturbance(0.0)) - self.start)
@@ -276,12 +325,12 @@ class Worn:
 
 # --- What varies in the closed loops that come with prefcal.
 
-_ROOM = 2.0  # distance of a limit from start and targets, in steps, that leaves room for other references
-
 
 def of_loop(loop: Loop, space: KnobSpace) -> Subject:
     """Return what varies of a loop whose θ are in `space`; a model in its controller stays."""
-    law, moves = isinstance(loop.controller, TunedPID | TunedLQR), tuple(_moves(loop))
+    plant, law = loop.plant, isinstance(loop.controller, TunedPID | TunedLQR)
+    limits, targets = [plant.states[k] for k in plant.measured], list(enumerate(np.ravel(loop.target.start)))
+    moves = tuple(_moves(plant, loop.task, limits, targets))
     build, make = partial(_built_loop, loop, space), partial(controller_of, loop)
     varied = VariedLoop(loop.plant, loop.task, build, make, wears=law, moves=moves)
     ideal = "sensors and actuators of an MPC are ideal here: only noise and ranges are varied"
@@ -303,23 +352,6 @@ def _built_loop(loop: Loop, space: KnobSpace, plant: Plant, task: Task, grain: Y
         resolution=tuple(np.maximum(grain, loop.resolution or 0.0)) if grain.any() else loop.resolution,
     )
     return partial(made.run, space=space)
-
-
-def _moves(loop: Loop) -> Iterator[str]:
-    """Yield what can vary of the step: all if no limit of the output is near, and the other side exists."""
-    plant, task, y0 = loop.plant, loop.task, loop.task.x0[list(loop.plant.measured)]
-    aims = np.array([y0, loop.target.start, *(v for _, v in loop.target.steps)])
-    c, step = plant.states[plant.measured[0]], abs(aims[1, 0] - y0[0])
-    if min(aims[:, 0].min() - c.low, c.high - aims[:, 0].max()) < _ROOM * step:
-        return
-    yield from (REFERENCE, SHIFT)
-    n = min(len(plant.inputs), len(y0))
-    mirrored = (2 * y0 - aims[1])[:n].tolist()
-    found = rest(plant, task.x0, task.u0, task.disturbance(0.0), range(n), mirrored)
-    if found is not None:
-        pairs = zip((*plant.states, *plant.inputs), np.concatenate(found), strict=True)
-        if all(c.low <= value <= c.high for c, value in pairs):
-            yield DIRECTION
 
 
 @dataclass(frozen=True, slots=True)
@@ -444,7 +476,8 @@ def _reactor(function: Any) -> Subject:
     """
     given = {k: v for k, v in getattr(function, "keywords", {}).items() if k == "space"}
     found = of_closed_loop(ClosedLoop(cstr_env(), partial(controller, **given), compute_kpis))
-    return replace(found, factors=within(found.factors, {"E": 0.01, "R": 0.0}))
+    factors = within(found.factors, {"E": 0.01, "R": 0.0})
+    return replace(found, factors=tuple(replace(each, stated=False) for each in factors))
 
 
 def _overtaking(function: Any) -> Subject:

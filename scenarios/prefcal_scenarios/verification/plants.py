@@ -58,6 +58,7 @@ class Factor:
         ends: Whether it only has its lowest and its highest value, as a direction does.
         possible: Smallest and largest value that there can be.
         step: Distance of its values; 0 for any.
+        stated: Whether somebody stated its range, which is the usual one otherwise.
     """
 
     name: str
@@ -69,6 +70,7 @@ class Factor:
     ends: bool = False
     possible: tuple[float, float] = ANY
     step: float = 0.0
+    stated: bool = False
 
     @classmethod
     def around(
@@ -151,7 +153,7 @@ def _with_ranges(factor: Factor, ranges: Ranges) -> Factor:
             f"{factor.name!r} would be {low:.4g} to {high:.4g} {factor.unit}".rstrip()
             + f", but only {least:.4g} to {most:.4g} is possible: got a change of {change}"
         )
-    changed = replace(factor, low=low, high=high)
+    changed = replace(factor, low=low, high=high, stated=True)
     return changed.stepped(factor.step) if factor.step else changed
 
 

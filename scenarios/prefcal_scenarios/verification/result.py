@@ -17,7 +17,7 @@ from prefcal_env.experiments.experiment import End
 from prefcal_env.plain import from_plain, to_plain
 from prefcal_scenarios.runs import HasKPIs
 from prefcal_scenarios.scenario import KPI, Scenario
-from prefcal_scenarios.wording import labeled, limits_text, number, quantity
+from prefcal_scenarios.wording import knob_number, labeled, limits_text, number, objective, quantity
 
 from .plants import Factor
 
@@ -116,6 +116,17 @@ class Verification:
         return most_probable(len(self.failed), len(self.runs))
 
     @property
+    def asked(self) -> str:
+        """Return what each run is asked to do, after "runs"."""
+        if any(kpi.met(0.0) is not None for kpi in self.kpis if not kpi.margin):
+            return "keep the stated limits"
+        nominal = self.tuning.nominal.kpis
+        finite = [k.title for k in self.kpis if k.goal and np.isfinite(nominal.get(k.name, np.inf))]
+        if any("settl" in title or "steady" in title for title in finite):
+            return "end safely and settle"
+        return "end safely" + (" and reach what the nominal run reaches" if finite else "")
+
+    @property
     def statement(self) -> str:
         """Return how sure it is that the tuning holds, in a sentence."""
         count = len(self.runs)
@@ -124,25 +135,75 @@ class Verification:
         never = f" Not counted, since infinite nominally, too: {', '.join(self.never)}." if self.never else ""
         early = "" if count == self.planned else f" (stopped early, {self.planned} were planned)"
         if len(self.failed) == count:
-            return f"No run of {count} keeps the stated limits{early}.{never}"
+            return f"0 of {count} runs {self.asked}{early}.{never}"
         # Rounded up to two digits, so that what is below it stays below.
         digits = 1 - int(np.floor(np.log10(100 * self.bound)))
         percent = np.ceil(100 * self.bound * 10.0**digits - 1e-9) / 10.0**digits
         return (
-            f"{count - len(self.failed)} of {count} runs keep the stated limits{early}: for plants within "
+            f"{count - len(self.failed)} of {count} runs {self.asked}{early}: for plants within "
             f"these ranges, the probability that one does not is below {percent:.3g} % with "
             f"{100 * CONFIDENCE:g} % confidence.{never}"
         )
 
     @property
     def limits(self) -> str:
-        """Return what the stated limits are, in a sentence."""
-        aims = [kpi.title for kpi in self.kpis if kpi.met(0.0) is not None]
-        stated = f"the objectives of {', '.join(aims)}" if aims else "no KPI has an objective"
-        return (
-            f"Stated limits: a safe end, {stated}, and nothing infinite that is finite nominally. "
-            f"The nominal run: {self.tuning.nominal.words}."
-        )
+        """Return what a run is judged by, in a sentence, and limits that are usual if none is stated."""
+        aims = [kpi.title for kpi in self.kpis if kpi.met(0.0) is not None and not kpi.margin]
+        stated = f"Stated limits: a safe end, the objectives of {', '.join(aims)}, and nothing"
+        if not aims:
+            stated = "No limit that a run can break is stated. What counts: a safe end, and nothing"
+        usual = [] if aims or not self.runs else list(self._usual())
+        offers = f" Usual are {'; '.join(usual)}: state them as objectives of the KPIs." if usual else ""
+        own = self.tuning.nominal
+        nominal = f"The nominal run: {own.words}." if aims or own.problems else "The nominal run does so."
+        return f"{stated} infinite that is finite nominally. {nominal}{offers}"
+
+    def _usual(self) -> Iterator[str]:
+        """Yield usual limits of KPIs without any, and how many runs keep each."""
+        for kpi in self.kpis:
+            value = self.tuning.nominal.kpis.get(kpi.name, np.inf)
+            if not np.isfinite(value) or kpi.goal != "lower" or kpi.margin:
+                continue
+            if kpi.title.startswith("overshoot") and kpi.unit == "%":
+                limit, why = 10.0, ""
+            elif "settling time" in kpi.title:
+                limit, why = kpi.read(2 * value), " (twice the nominal one)"
+            else:
+                continue
+            kept = sum(run.kpis.get(kpi.name, np.inf) <= limit for run in self.runs)
+            most = quantity(limit, kpi.unit)
+            yield f"{kpi.title} at most {most}{why}, which {kept} of {len(self.runs)} runs keep"
+
+    @property
+    def margin_verdict(self) -> str:
+        """Return whether the nominal loop keeps the limits on margins, or usual ones; "" without margins."""
+        found, nominal = self.tuning.margins, self.tuning.nominal.kpis
+        if found == UNSTABLE:
+            return "The nominal loop is not stable: it has no margins."
+        stated = [kpi for kpi in self.kpis if kpi.margin and kpi.met(0.0) is not None]
+        said = [_kept_margin(kpi, kpi.read(nominal[kpi.name])) for kpi in stated if kpi.name in nominal]
+        if said or isinstance(found, str):
+            return f"Margins of the nominal loop: {'; '.join(said)}." if said else ""
+        gain = 20 * np.log10(min(found.gain, 1 / max(found.gain_reduction, 1e-9)))
+        pairs = (("M_s ≤ 2", found.M_s <= 2), ("gain ≥ 6 dB", gain >= 6), ("phase ≥ 30°", found.phase >= 30))
+        missed = [words for words, kept in pairs if not kept]
+        usual, has = ", ".join(words for words, _ in pairs), "has them all"
+        if missed:
+            has = f"does not have {' or '.join(missed)}"
+        return f"No limit on a margin is stated. Usual are {usual}: the nominal loop {has}."
+
+    @property
+    def advice(self) -> tuple[str, ...]:
+        """Return what to do if some run fails: which limit, if relaxed, lets how many more runs hold."""
+        found, count = list[str](), len(self.runs)
+        for kpi in self.kpis:
+            only = [run.kpis[kpi.name] for run in self.failed if run.problems == (_missed(kpi),)]
+            if only and kpi.goal != "target":
+                limit = kpi.read(min(only) if np.isfinite(kpi.at_least) else max(only))
+                sign, held = objective(kpi)[:1], count - len(self.failed) + len(only)
+                words = f"{sign} {quantity(limit, kpi.unit)} in place of {limits_text(kpi)}"
+                found.append(f"relax the limit of {kpi.title}: with {words}, {held} of {count} runs hold")
+        return tuple(found)
 
     @property
     def never(self) -> tuple[str, ...]:
@@ -195,20 +256,34 @@ class Verification:
 def problems_of(kpis: Sequence[KPI], result: HasKPIs, nominal: HasKPIs | None) -> tuple[str, ...]:
     """Return which stated limits a run does not keep, in words.
 
-    A run must not be interrupted, must meet each objective of a KPI, and must reach what the
-    nominal run reaches: a KPI must not be infinite where it is finite nominally.
+    A run must not be interrupted, must meet each objective of a KPI that a run can break, and must
+    reach what the nominal run reaches: a KPI must not be infinite where it is finite nominally.
+    Margins are no such KPIs: what they leave room for is that plants differ.
     """
     if result.end.interrupted:
         return (f"the run ended early: {result.end.value}",)
     found = []
-    for kpi in kpis:
+    for kpi in (kpi for kpi in kpis if not kpi.margin):
         value = result.kpis.get(kpi.name)
         reached = nominal is not None and np.isfinite(nominal.kpis.get(kpi.name, np.inf))
         if value is not None and kpi.met(float(value)) is False:
-            found.append(f"{kpi.title} misses its objective")
+            found.append(_missed(kpi))
         elif value is not None and reached and kpi.goal is not None and np.isinf(value):
             found.append(f"{kpi.title} is infinite")
     return tuple(found)
+
+
+def _missed(kpi: KPI) -> str:
+    return f"{kpi.title} misses its objective"
+
+
+def _kept_margin(kpi: KPI, value: float) -> str:
+    """Return whether a margin keeps its limit, and whether a tenth is left of that, in words."""
+    room = 1.1 * kpi.at_least <= value <= 0.9 * kpi.at_most
+    verdict = (
+        "NOT kept" if not kpi.met(value) else "kept" if room else "kept, with less than a tenth to spare"
+    )
+    return f"{kpi.title} {quantity(value, kpi.unit)}, required {limits_text(kpi)}: {verdict}"
 
 
 def most_probable(failed: int, count: int) -> float:
@@ -228,6 +303,8 @@ EFFECTS = 4
 """Number of factors that people are shown, those that hurt most."""
 FILE, BEST = "verification.json", "best.json"
 """Names of the files of a verification and of its tuning, in one folder."""
+VARIED, STATED = ("what varied", "between", "range is"), "stated"
+"""Headings of the rows of what varied: name, range with its unit, and whether it is the usual one."""
 _NAMED = 6  # number of values of a run that are named
 
 
@@ -268,7 +345,9 @@ class Verified:
     """What a verification says. Texts are as people read them; "–" is unknown."""
 
     statement: str  # how sure it is that the limits are kept, in a sentence
-    limits_kept: str  # what the stated limits are, in a sentence
+    limits_kept: str  # what a run is judged by, in a sentence
+    margins_kept: str  # whether the nominal loop keeps limits on margins, in a sentence; "" if unknown
+    advice: tuple[str, ...]  # what to do next if some run fails, a text each
     share: float | None  # share of the runs that kept them; None without any
     bound: float  # what the probability of not keeping them is below, with 95 % confidence
     runs: int  # number of random runs
@@ -283,7 +362,7 @@ class Verified:
     basis: str  # what the margins hold for, or why there are none, in a sentence
     effects: tuple[str, ...]  # what each factor does alone, the one that hurts most first, a text each
     worst: tuple[WorstRun, ...]  # the worst random runs, the worst first
-    varied: tuple[str, ...]  # what varied, with ranges and units, a text each
+    varied: tuple[tuple[str, str, str], ...]  # a row for each thing that varied, as in `VARIED`
     left_out: tuple[str, ...]  # what did not, a sentence each
     scenario: str  # name of the scenario
     version: str  # version of prefcal
@@ -297,10 +376,17 @@ class Verified:
         both = [found.tuning, *([found.before] if found.before else [])]
         margins, basis = margins_said([each.margins for each in both], found.tuning.time_unit)
         left = bool(baseline and found.runs) and found.before is None
+        if found.before and found.before.runs:
+            held = sum(not run.problems for run in found.before.runs)
+            compared = f" Before ({baseline}): {held} of {len(found.before.runs)} of the same plants."
+        else:
+            compared = ""
         alone = f" Stopped before the {baseline} ran on these plants." if left else ""
         return cls(
-            statement=found.statement + alone,
+            statement=found.statement + compared + alone,
             limits_kept=found.limits,
+            margins_kept=found.margin_verdict,
+            advice=_next(found, scenario),
             share=found.share if found.runs else None,
             bound=found.bound,
             runs=len(found.runs),
@@ -311,7 +397,7 @@ class Verified:
             basis=basis,
             effects=tuple(map(_effect, found.effects)),
             worst=tuple(WorstRun.of(run, found.factors) for run in found.worst()),
-            varied=tuple(f"{f.name} {_range(f)}" for f in found.factors),
+            varied=tuple((f.name, _range(f), STATED if f.stated else "usual") for f in found.factors),
             left_out=(*found.left_out, *(f"{name} changes no KPI here" for name in found.idle)),
             scenario=found.scenario,
             version=version,
@@ -356,6 +442,19 @@ class Verified:
             raise ScenarioError(f"cannot write {str(path)!r}: {error}. Not kept: {self.statement}") from error
 
 
+def _next(found: Verification, scenario: Scenario) -> tuple[str, ...]:
+    """Return what to do next if some run fails, a text each."""
+    if not found.failed:
+        return ()
+    theta = zip(scenario.space, found.tuning.theta.tolist(), strict=True)
+    start = ", ".join(f"{knob.name}={knob_number(knob, value)}" for knob, value in theta)
+    robust = (
+        f'look for one that holds on other plants: the command of the study with --robust --start "{start}", '
+        "and with --taste and the study's name, which keeps your answers"
+    )
+    return (*((robust,) if scenario.simulated else ()), *found.advice)
+
+
 def _kpi_row(kpi: KPI, tunings: list[Robustness]) -> tuple[str, ...]:
     cells = [labeled(kpi.title, kpi.unit), limits_text(kpi)]
     for each in tunings:
@@ -374,20 +473,27 @@ def margins_said(found: Sequence[Margins | str], time_unit: str) -> tuple[tuple[
 
 
 def _margin_rows(found: Sequence[Margins | str], time_unit: str) -> Iterator[tuple[str, ...]]:
-    """Yield a row for each margin; a gain margin has a second number if the gain must not fall by more."""
+    """Yield a row for each margin; a gain margin has a second number if the gain must not fall by more.
+
+    They are rounded as the KPIs are that have limits: what is printed is what a limit is compared with.
+    """
     for name, read in (
         ("gain margin [dB]", _gain_margin),
-        ("phase margin [°]", lambda m: number(m.phase)),
+        ("phase margin [°]", lambda m: number(round(m.phase, 1))),
         (labeled("delay margin", time_unit), lambda m: number(m.delay)),
-        ("largest sensitivity M_s", lambda m: number(m.M_s)),
-        ("disk margin", lambda m: number(m.disk)),
+        ("largest sensitivity M_s", lambda m: number(round(m.M_s, 2))),
+        ("disk margin", lambda m: number(round(m.disk, 3))),
     ):
         yield name, *(read(m) if isinstance(m, Margins) else number(None) for m in found)
 
 
 def _gain_margin(m: Margins) -> str:
-    down = f", {number(20 * np.log10(m.gain_reduction))}" if 0 < m.gain_reduction < 1 else ""
-    return number(20 * np.log10(m.gain)) + down
+    down = f", {_decibels(m.gain_reduction)}" if 0 < m.gain_reduction < 1 else ""
+    return _decibels(m.gain) + down
+
+
+def _decibels(factor: float) -> str:
+    return number(round(float(20 * np.log10(factor)), 2))
 
 
 def _range(factor: Factor) -> str:

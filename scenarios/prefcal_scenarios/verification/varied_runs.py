@@ -1,7 +1,7 @@
 """Run a tuning on varied plants, on all cores; and the perturbed runs of a robust study."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -69,7 +69,12 @@ class Perturbed(Source):
 
 
 def runs_kept(
-    many: Callable[[Sequence[Theta]], Sequence[Outcome]], reading: Reading, thetas: Sequence[Theta], most: int
+    many: Callable[[Sequence[Theta]], Sequence[Outcome]],
+    reading: Reading,
+    thetas: Sequence[Theta],
+    most: int,
+    *,
+    margins: Collection[str] = (),
 ) -> list[int]:
     """Return how many perturbed runs of each θ keep the limits before one does not, at most `most`.
 
@@ -81,25 +86,26 @@ def runs_kept(
         reading: How people read them.
         thetas: Physical θ, each of shape (n,).
         most: Largest number of runs.
+        margins: Names of KPIs that are margins, whose limits are those of the nominal loop alone.
     """
     nominal, found, left, done = many(thetas), [0] * len(thetas), list(range(len(thetas))), 0
     for step in [step for step in STEPS if step < most] + [most]:
         made = many([np.append(thetas[row], k) for row in left for k in range(done + 1, step + 1)])
         for place, row in enumerate(left):
             runs = made[place * (step - done) : (place + 1) * (step - done)]
-            found[row] = done + _first_bad(reading, nominal[row], runs)
+            found[row] = done + _first_bad(reading, nominal[row], runs, margins)
         left, done = [row for row in left if found[row] == step], step
     return found
 
 
-def _first_bad(reading: Reading, nominal: Outcome, runs: Sequence[Outcome]) -> int:
+def _first_bad(reading: Reading, nominal: Outcome, runs: Sequence[Outcome], margins: Collection[str]) -> int:
     """Return the number of runs before the first that loses what the nominal one has; or of all.
 
     It is 0 if that was interrupted, or failed.
     """
-    names = list(nominal)
+    names = [name for name in nominal if name not in margins]
     rows = [[run.get(name, nominal[name]) if run else np.inf for name in names] for run in runs]
-    values = reading.table(names, np.array([list(nominal.values()), *rows]))
+    values = reading.table(names, np.array([[nominal[name] for name in names], *rows]))
     lost = values > [reading.limits.get(name, np.finfo(float).max) for name in names]
     bad = (lost[1:] & ~lost[0]).any(axis=1)
     if not np.isfinite(values[0]).any():

@@ -17,7 +17,9 @@ FEW = ["--calibrator", "synthetic", "--cost", "error", "--simulate", "60", "--n-
 def test_a_robust_study_says_how_its_result_holds_and_what_that_costs(done, prefcal):
     code, out, err = prefcal("calibrate", "lag", *FEW, "--robust", "--study", "mine")
     assert code == 0, err
-    assert "The result keeps the limits in all 300 perturbed runs. Robustness costs" in " ".join(out.split())
+    said = " ".join(out.split())
+    assert "The result keeps the limits in all 300 perturbed runs. They vary the plant and the noise;" in said
+    assert "sensors, actuators and task, too. Robustness costs" in said
     configuration = state_of("mine").configuration
     assert configuration["options"]["robust"] is True
     words = ["calibrate", "lag", "--study", "mine", "--json", "--out", "out", "--n-max", "4"]

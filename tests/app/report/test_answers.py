@@ -96,13 +96,15 @@ def test_a_damaged_verification_is_none_and_the_sheet_says_so(tmp_path, content)
 def test_what_was_verified_is_said_with_what_was_not():
     found = dict(verified_answers(FOUND))
     assert found["Margins"] == (
-        "gain margin [dB] 12 (before 8), phase margin [°] 60 (before 44): the unconstrained law."
+        "Margins of the nominal loop: sensitivity peak M_s 1.7, required ≤ 2: kept. gain margin [dB] 12 "
+        "(before 8), phase margin [°] 60 (before 44): the unconstrained law."
     )
     assert found["Other plants"] == "298 of 299 runs keep the stated limits. Stated limits: a safe end."
+    assert found["What next"].startswith("Relax the limit of overshoot: with ≤ 9 %")
     assert found["Worst run"] == "settling time misses its objective (acceptable): dead time 7.1."
     assert found["Varied"].endswith("noise of the sensors 0 to 0.2 %. Beyond these ranges: not verified.")
     assert found["Not verified"] == "Sampling jitter is not varied."
-    unknown = replace(FOUND, margins=(), basis="no margins: the plant is not known")
+    unknown = replace(FOUND, margins=(), margins_kept="", basis="no margins: the plant is not known")
     assert dict(verified_answers(unknown))["Margins"] == "not verified: no margins: the plant is not known"
 
 

@@ -40,3 +40,22 @@ def test_a_varied_plant_has_a_target_of_its_own():
             f"target {number(end)}" in axes.get_title("left") for axes in drawn.axes if axes.get_visible()
         ]
         assert sum(shown) == (1 if own else 2)
+
+
+def test_three_reasons_of_a_worst_run_stand_under_curves_that_keep_their_size():
+    scenario = load("lag")
+    made = scenario.run(scenario.space.decode(np.full(len(scenario.space), 0.5)))
+    names = ("settling time of temperature (within ±5 %)", "recovery time of temperature (within ±5 %)")
+    reasons = "; ".join([f"{name} is infinite" for name in names] + ["overshoot misses its objective"])
+    sizes = []
+    for below in ("", f"Worst run 1: {reasons}."):
+        drawn = figure(scenario, made, made, ("nominal", "worst run 1"), own=True, below=below)
+        FigureCanvasAgg(drawn).draw()
+        sizes.append([axes.get_window_extent().size for axes in drawn.axes if axes.get_visible()])
+    assert np.array(sizes[1]) == pytest.approx(np.array(sizes[0]), rel=0.02)
+    (said,) = [text for text in drawn.texts if "Worst run 1" in text.get_text()]
+    assert said.get_text().replace("\n", " ").endswith(f"{reasons}.")
+    box, whole = said.get_window_extent(), drawn.bbox
+    assert box.x0 >= 0
+    assert box.x1 <= whole.x1
+    assert min(axes.get_window_extent().y0 for axes in drawn.axes if axes.get_visible()) > box.y1

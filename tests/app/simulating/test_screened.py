@@ -8,13 +8,15 @@ import pytest
 
 from prefcal_agents.screening import findings
 from prefcal_agents.screening.agent import Certificate, Screening
-from prefcal_agents.screening.findings import Findings, Reason
+from prefcal_agents.screening.findings import Findings, Reason, RobustResult
 from prefcal_app.session import Choice, Phase
 from prefcal_app.simulating import offer, promise, told
-from prefcal_app.simulating.why import percent
+from prefcal_app.simulating.why import percent, robust
 from prefcal_app.view.end import smaller_view
 from prefcal_env.errors import KnobError, ProtocolError, ScenarioError, StaleError
+from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preferences.answer import Answer, Preference
+from prefcal_scenarios import KPI, Scenario
 from prefcal_scenarios.runs import screened
 from support.interviews import begin, proceed, reopened, worked
 from support.looks import toy
@@ -212,9 +214,31 @@ def test_it_says_how_many_random_experiments_the_result_is_equal_to(experiments,
     assert "random experiments" not in better_is_known
 
 
+@pytest.mark.parametrize(
+    ("kept", "costs", "words"),
+    [
+        (300, (), "Robustness costs nothing: no simulated θ that does not hold promises more."),
+        (300, (("t_f", 0.7 / 3.6),), "Robustness costs about 19 % of time to steady state t_f: what"),
+        (300, (("t_f", None),), "Robustness costs time to steady state t_f: what promises"),
+        (300, (("t_f", 0.003),), "Robustness costs less than 1 % of each KPI: what promises most"),
+        (12, (("t_f", 0.7 / 3.6),), ""),
+    ],
+)
+def test_what_robustness_costs_is_said_of_a_result_that_holds(kept, costs, words):
+    kpi = KPI("t_f", "time to steady state t_f", "h", better="lower")
+    scenario = Scenario("s", "S", KnobSpace([Knob("K", 0, 1)]), lambda theta, seed=0: None, kpis=(kpi,))
+    said = list(robust(RobustResult(kept, costs), scenario))
+    first = "The result keeps" if kept == 300 else "The result does not hold: perturbed run 13"
+    assert said[0].startswith(first)
+    assert len(said) == (3 if words else 1)
+    assert not words or "verify (V) varies sensors, actuators and task, too" in said[1]
+    assert said[-1].startswith(words)
+
+
 def test_where_answers_do_not_follow_from_the_kpis_it_says_no_number():
     found = certified(replace(CERTIFIED, share=None, chance=None))
-    assert promise(found) == "The KPIs do not explain the answers well enough to say how much better is left."
+    said = "The answers may follow from more than the KPIs: how much is left to gain is not said."
+    assert promise(found) == said
     assert offer(found) == ""
 
 

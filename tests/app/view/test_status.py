@@ -115,5 +115,5 @@ def test_nothing_is_said_of_an_experiment_that_the_person_asked_for():
 def test_where_kpis_do_not_explain_the_answers_that_is_said(monkeypatch):
     monkeypatch.setattr(GLISp, "foresight", Foresight(None, 3))
     interview, _ = asked(*[Choice.LEFT] * 5, n_max=9)
-    assert "do not explain your answers" in " ".join(status_view(interview)["outlook"]["sentences"])
+    assert "may follow from more than the KPIs" in " ".join(status_view(interview)["outlook"]["sentences"])
     assert "%" not in interview.known.promise

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from prefcal_env import LQG, LQR, Channel, FunctionPlant, Measurement, PlantEnv, Task, rollout
+from prefcal_env import LQG, LQR, Channel, FunctionPlant, Measurement, Move, PlantEnv, Task, rollout
 from prefcal_env.controllers import as_data, from_data
 from prefcal_env.controllers.lqr import linearized
 from prefcal_env.controllers.margins import UNSTABLE, MarginKPIs, margin_kpis, margins, margins_of, sampled
@@ -281,6 +281,69 @@ def test_state_feedback_without_sampling_would_have_60_degrees_and_half_the_gain
     assert found.phase > 59
     assert found.M_s == pytest.approx(1.0, abs=0.01)
     assert found.gain_reduction < 0.5
+
+
+def test_steady_feedback_of_an_unstable_plant_has_a_lower_gain_margin():
+    plant = Plant.of(([1.0], [1.0, -0.5]), inputs=[Channel("u", "", -10, 10)])
+    K = float(LQR(plant, [1.0], [0.5], T_s=T_S).K[0, 0])
+    a = np.exp(0.5 * T_S)
+    least = (a - 1) / (K * (a - 1) / 0.5)  # a - K g b = 1, where the pole leaves the unit circle at 1
+    found = margins(plant, at_rest(plant), partial(LQR, plant, [1.0], [0.5], T_s=T_S))
+    assert found.gain_reduction == pytest.approx(least, rel=1e-6)
+    for share, stable in ((0.99, False), (1.01, True)):
+
+        class Weaker:
+            T_s = T_S
+
+            def __init__(self, share=share):
+                self.law, self.share = LQR(plant, [1.0], [0.5], T_s=T_S), share * least
+
+            def move(self, m):
+                return Move(self.share * self.law.move(m).u)
+
+        assert (margins(plant, at_rest(plant), Weaker) != UNSTABLE) is stable
+
+
+@pytest.mark.parametrize(("K_p", "T_i"), [(1.1, 2e3), (1.1, 1e4), (1.108, 500.0), (0.5, 1e4), (0.5, 2e4)])
+def test_a_slow_integral_counts_to_its_end(K_p, T_i):
+    plant = Plant.of(([0.9], [1.0, 1.0]), inputs=[Channel("u", "", -10, 10)])
+    found = margins(plant, at_rest(plant), partial(PID, K_p, T_i, T_s=T_S))
+    law, pole = PIDLaw.of(K_p, T_i, 0.0, N=10.0, T_s=T_S), np.exp(-T_S)
+
+    def L(omega):
+        z = np.exp(1j * omega * T_S)
+        return (-law.of_output[0] + law.integral / (z - 1)) * 0.9 * (1 - pole) / (z - pole)
+
+    at = brentq(lambda w: abs(L(w)) - 1, 1e-8, 0.5)
+    assert found.phase == pytest.approx(abs(np.rad2deg(np.angle(-L(at)))), abs=0.01)
+    assert found.gain_reduction == 0
+
+
+class DeadBand:
+    """A law that does not see what is within a band around 0."""
+
+    T_s = T_S
+
+    def __init__(self, law, band):
+        self.law, self.band = law, band
+
+    def move(self, m):
+        seen = np.sign(m.y) * np.maximum(np.abs(m.y) - self.band, 0.0)
+        return self.law.move(Measurement(m.t, m.x, m.u, m.d, m.y_ref, seen))
+
+
+def test_a_dead_band_has_no_margins_and_a_gain_of_0_has_all():
+    plant = Plant.of(LAGS, inputs=[Channel("valve", "%", -100, 100)])
+
+    def law(K):
+        return DeadBand(PID(K, 3.0, T_s=T_S), 0.5)
+
+    with pytest.raises(
+        SettingsError, match="answers no small deviations, but large ones, as with a dead band"
+    ):
+        margins(plant, at_rest(plant), partial(law, 60.0))  # unstable outside of it
+    found = margins(plant, at_rest(plant), partial(law, 0.0))
+    assert (found.gain, found.gain_reduction, found.phase, found.M_s) == (np.inf, 0.0, 180.0, 1.0)
 
 
 def test_an_unstable_loop_has_no_margins():

@@ -57,6 +57,58 @@ def test_numbers_among_the_arguments_of_a_run_vary_and_limits_are_counted():
     assert found.worst(3)[0].values["mass"] < 2.0 / 2.1
 
 
+def test_without_a_stated_limit_it_is_said_what_counts_and_usual_limits_are_offered_with_their_counts():
+    def moved(theta, seed=0, mass=1.0):
+        return run(theta, seed).with_kpis({"settling_time": mass, "overshoot": 20 * mass - 10.5})
+
+    kpis = (
+        KPI("settling_time", "settling time", "s", better="lower"),
+        KPI("overshoot", "overshoot", "%", better="lower"),
+    )
+    found = verify(replace(SPRING, run=moved, kpis=kpis), THETA, 40, jobs=1)
+    assert found.statement.startswith("40 of 40 runs end safely and settle: for plants within")
+    light = sum(each.values["mass"] <= 1.025 for each in found.runs)
+    assert 0 < light < 40
+    assert found.limits == (
+        "No limit that a run can break is stated. What counts: a safe end, and nothing infinite that is "
+        "finite nominally. The nominal run does so. Usual are settling time at most 2 s (twice the nominal "
+        f"one), which 40 of 40 runs keep; overshoot at most 10 %, which {light} of 40 runs keep: state them "
+        "as objectives of the KPIs."
+    )
+    assert found.advice == ()
+    assert verify(SPRING, THETA, 3, jobs=1).limits.startswith(
+        "Stated limits: a safe end, the objectives of w"
+    )
+
+
+def test_a_limit_on_a_margin_is_that_of_the_nominal_loop_and_the_runs_have_a_verdict_of_their_own():
+    kpis = (KPI("weight", "weight", at_most=2.2), KPI("pull", "stiffness", at_most=4.1, margin=True))
+    found = verify(replace(SPRING, kpis=kpis), THETA, 100, jobs=1)
+    assert any(each.kpis["pull"] > 4.1 for each in found.runs)
+    assert {problem for each in found.runs for problem in each.problems} == {"weight misses its objective"}
+    assert "stiffness" not in found.limits
+    assert found.margin_verdict == (
+        "Margins of the nominal loop: stiffness 4, required ≤ 4.1: kept, with less than a tenth to spare."
+    )
+    for limit, words in ((3.9, "required ≤ 3.9: NOT kept."), (5.0, "required ≤ 5: kept.")):
+        other = replace(found, kpis=(kpis[0], replace(kpis[1], at_most=limit)))
+        assert other.margin_verdict.endswith(words)
+
+
+def test_beside_some_failed_runs_stands_what_to_do_next():
+    found = verify(replace(SPRING, simulated=True), THETA, 200, start=THETA / 2, jobs=1)
+    said = Verified.of(found, replace(SPRING, simulated=True), "current tuning", "1.0", "")
+    heaviest = max(each.kpis["weight"] for each in found.runs)
+    robust, relax = said.advice
+    assert '--robust --start "gain=2"' in robust
+    assert relax == (
+        f"relax the limit of weight: with ≤ {heaviest:.4g} in place of ≤ 2.1, 200 of 200 runs hold"
+    )
+    assert "Before (current tuning): 200 of 200 of the same plants." in said.statement
+    (alone,) = Verified.of(found, SPRING, "", "1.0", "").advice
+    assert alone == relax
+
+
 def test_what_changes_no_kpi_is_said():
     def deaf(theta, seed=0, mass=1.0, noise=0.5):
         return run(theta, seed, mass)
@@ -140,7 +192,7 @@ def test_a_run_that_hangs_when_all_are_stopped_is_one_that_does_not_keep_the_lim
         assert found.runs[-1].problems == (
             "the run failed: it had not ended after 31 s, when the runs were stopped",
         )
-        assert "6 of 7 runs keep" in found.statement
+        assert "6 of 7 runs end safely and settle" in found.statement
 
 
 def test_ctrl_c_after_the_last_run_adds_none():
@@ -264,7 +316,7 @@ def test_a_run_that_raises_fails_and_says_why():
 
 def test_without_a_good_run_there_is_no_bound():
     found = verify(replace(SPRING, kpis=(KPI("weight", "weight", at_most=0.1),)), THETA, 3, jobs=1)
-    assert found.statement == "No run of 3 keeps the stated limits."
+    assert found.statement == "0 of 3 runs keep the stated limits."
 
 
 def test_the_delay_margin_has_a_unit_and_a_controller_that_raises_has_no_margins(monkeypatch):

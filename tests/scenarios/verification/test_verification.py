@@ -136,6 +136,42 @@ def test_a_pid_on_a_plant_of_ones_own_is_varied():
     assert verified.tuning.margins.phase > 40
 
 
+def test_start_size_and_direction_of_the_step_vary_and_kpis_are_measured_by_the_new_one():
+    scenario = pid_scenario(HEATER)
+    theta, subject = scenario.references["robust"], found(scenario)
+    assert not [text for text in subject.left_out if "references" in text]
+    nominal = scenario.run(theta)
+    y0, step = nominal.output(0)[0], 10.0
+    assert nominal.y_ref[0, 0] - y0 == pytest.approx(step)
+    for values, start, size in (
+        ({"size of the step": 1.2}, y0, 1.2),
+        ({"direction": -1.0, "direction of the load": -1.0}, y0, -1.0),
+        ({"start": 0.1}, y0 + 0.1 * step, 1.0),
+        ({"start": -0.1, "size of the step": 0.8, "direction": -1.0}, y0 - 0.1 * step, -0.8),
+    ):
+        made = subject.at(values)(theta)
+        assert made.output(0)[0] == pytest.approx(start)
+        assert made.y_ref[0, 0] == pytest.approx(start + size * step)
+        half = made.t < 0.49 * made.duration
+        shape = (made.output(0) - start) / (size * step)
+        same = (nominal.output(0) - y0) / step
+        np.testing.assert_allclose(shape[half], same[half], atol=1e-6)  # the plant is linear
+        for name in ("settling_time", "overshoot"):
+            assert made.kpis[name] == pytest.approx(nominal.kpis[name], abs=0.01)
+    turned = subject.at({"direction of the load": -1.0})(theta)
+    assert turned.kpis["disturbance_peak"] == pytest.approx(nominal.kpis["disturbance_peak"], rel=0.02)
+    before = nominal.u[len(nominal.u) // 2 - 5]
+    assert turned.u[-1] - before == pytest.approx(before - nominal.u[-1], rel=0.01)
+
+
+def test_near_a_limit_the_step_stays_and_that_is_said():
+    narrow = [Channel("temperature", "°C", high=61.0)]
+    tight = Plant.of(([0.8], [160.0, 28.0, 1.0]), inputs=[Channel("valve", "%", 0, 100)], outputs=narrow)
+    subject = found(pid_scenario(tight))
+    assert "direction" not in [f.name for f in subject.factors]
+    assert "references and start are not varied: a limit of the plant is near" in subject.left_out
+
+
 GRID = [[([12.0], [16.0, 1]), ([-18.0], [20.0, 1])], [([6.5], [11.0, 1]), ([-19.0], [14.0, 1])]]
 LATE = {
     "input": lambda by: Plant.of(([0.8], [20, 1]), delay=7.0 * by),
@@ -260,6 +296,23 @@ def test_a_controller_sees_its_own_command_within_the_range_and_not_the_backlash
         u = worn.move(Measurement(0.0, np.zeros(1), u, np.zeros(0), np.zeros(1), np.array([y]))).u
         u = u.clip(0, 9)  # as the plant does
     assert own.seen == [5.0, 7.0, 6.5, 9.0]
+
+
+def test_usual_margins_are_offered_where_none_is_limited_and_an_unstable_loop_is_called_so():
+    scenario = pid_scenario(HEATER)
+    loose = replace(scenario, kpis=tuple(replace(kpi, at_most=np.inf) for kpi in scenario.kpis))
+    theta = scenario.references["robust"]
+    verdicts = []
+    for factor in (1.0, 2.4, 5.0):
+        verdicts.append(verify(loose, theta * [factor, 1, 1, 1], 1, jobs=1).margin_verdict)
+    assert verdicts[0] == (
+        "No limit on a margin is stated. Usual are M_s ≤ 2, gain ≥ 6 dB, phase ≥ 30°: the nominal loop has "
+        "them all."
+    )
+    assert "the nominal loop does not have M_s ≤ 2" in verdicts[1]
+    assert verdicts[2] == "The nominal loop is not stable: it has no margins."
+    (M_s,) = (kpi for kpi in scenario.kpis if kpi.margin)
+    assert (M_s.name, M_s.at_most) == ("M_s", 2.0)
 
 
 def test_margins_as_kpis_are_those_of_the_varied_plant():
@@ -406,6 +459,18 @@ def test_runs_are_counted_until_one_does_not_keep_the_limits():
     found, made = counted(lambda theta, run: {"time": np.inf if run == theta else 1.0}, thetas=thetas)
     assert found == [40, 0, 11]
     assert max(run for theta, run in (p for p in made if len(p) > 1) if theta == 1.0) == 2
+
+
+def test_a_limit_on_a_margin_is_not_judged_again_in_perturbed_runs():
+    reading = Reading({"M_s": 0.01, "time": 0.1}, {"M_s": 2.0, "time": 1.0})
+    made = [{"M_s": 1.9 + 0.1 * run, "time": 1.0 + (run == 30)} for run in range(41)]
+    theta = [np.array([0.0])]
+
+    def many(points):
+        return [made[int(point[1]) if len(point) > 1 else 0] for point in points]
+
+    found = [runs_kept(many, reading, theta, 40, margins=each) for each in ((), ["M_s"])]
+    assert found == [[1], [29]]
 
 
 def test_a_run_that_failed_or_was_unsafe_does_not_keep_the_limits():
