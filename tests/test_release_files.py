@@ -179,7 +179,7 @@ def paper():
 def test_worth_of_answers_in_the_paper_is_that_of_its_note(paper):
     (weights, priorities), random = (
         row("research/kpis.md", agent, "weights, 50", "priorities, 50")
-        for agent in ("GLISp, version 12", "RandomSearch")
+        for agent in ("GLISp, version 13", "RandomSearch")
     )
     assert (
         f"are worth {weights} if people trade KPIs off, and {priorities} if they have priorities; "

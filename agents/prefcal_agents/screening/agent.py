@@ -64,10 +64,10 @@ _AT, _STEP = 0.01, 0.544
 falls where the logit of that chance is larger by 1, by the same regression."""
 _INTERVAL = (0.05, 0.5, 0.95)
 """Chances of being exceeded, by that regression, of the shares that numbers of experiments follow from."""
-_CHANCE = (0.25, 0.9)
+_CHANCE = (0.2, 0.93)
 """Coefficients of the logit of the chance: a constant, and how much the logit of the draws' counts.
 
-Source: none. A logistic regression on eight loops and eleven kinds of people.
+Source: none. A logistic regression on five loops and eleven kinds of people.
 """
 _ADDED = 0.001  # what is added to shares before their logarithm
 _QUANTILE = 0.9  # quantile over the draws of the share of the θ that fill the space

@@ -216,11 +216,12 @@ def test_where_nothing_holds_a_study_goes_on():
 
 
 def test_the_price_is_what_the_best_nominal_one_is_better_in():
-    found = everything(studied(Fast())).robustness
+    agent = studied(Fast())
+    found = everything(agent).robustness
     assert found.kept == ENOUGH
-    ((name, ours, theirs),) = found.costs
+    ((name, share),) = found.costs
     assert name == "time"
-    assert 1.4 <= ours > theirs >= 1.0
+    assert 0.0 < share <= (2.0 - agent.best[0]) / 1.0 - 1.0, "nothing takes less than 1 s"
     assert everything(studied(Fast(edge=1.0))).robustness.costs == ()
     assert everything(studied(Plain())).robustness is None
 

@@ -101,6 +101,7 @@ def test_with_nothing_to_say_there_is_no_outlook(monkeypatch):
     interview, _ = asked(*[Choice.LEFT] * 5)
     interview._helps = lambda knob, upper: False
     monkeypatch.setattr(GLISp, "foresight", None)
+    monkeypatch.setattr(type(interview.known), "missed", [])
     assert status_view(interview)["outlook"] is None
 
 
