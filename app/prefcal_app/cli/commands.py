@@ -51,7 +51,7 @@ def _common(
     epilog=examples(
         (
             "calibrate cstr",
-            "The paper's reactor: 1,000 experiments are simulated unseen, and a page asks 10 to 13 "
+            "The paper's reactor: 1,000 experiments are simulated unseen, and a page asks up to ten "
             "times which of two is better.",
         ),
         ("calibrate cstr --study mine", "The same in a study called mine; run it again to resume."),
@@ -232,10 +232,10 @@ again: one of your own is a Python file, which is executed.
 def verify(**typed: Any) -> None:
     """Run a tuning on plants that are not exactly as modeled.
 
-    Prints the share of runs within the stated limits with its confidence, stability
-    margins, KPIs beside those of the tuning before, what hurts most, and the worst runs,
-    which it draws beside best.json and asks about. All of that is kept there in
-    verification.json. Ends with exit code 0 whatever the result is.
+    Prints two verdicts: how many runs hold, with what that shows and what to do next, and
+    what margins the nominal loop has. Then KPIs beside those of the tuning before, what
+    hurts most, and the worst runs, which it draws beside best.json and asks about. All of
+    that is kept there in verification.json. Ends with exit code 0 whatever the result is.
     """
     from .look_run import verify
 

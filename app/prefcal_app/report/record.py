@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
@@ -188,8 +189,16 @@ def refuse_outdated(best: Path, content: Mapping[str, Any]) -> None:
                 other = ", with other values of the knobs" if now == f"experiment {held}" else ""
                 raise StaleError(
                     f"{str(best)!r} is not the best of its study any more: it holds experiment {held}{other}"
-                    f", and the best of {name} is {now}. Write it anew: prefcal report {name}"
+                    f", and the best of {name} is {now}. Write it anew: {_anew(best, str(name), bool(owner))}"
                 )
+
+
+def _anew(best: Path, name: str, in_report: bool) -> str:
+    """Return the command that writes a best.json anew, in the folder of its report if it is in one."""
+    words, folder = ["prefcal", "report", name], best.parent
+    if in_report and folder.resolve() != Path(f"prefcal-{study_path(name).stem}").resolve():
+        words += ["--out", str(folder)]
+    return shlex.join(words)
 
 
 def _is_experiment(file: StudyFile, index: int, content: Mapping[str, Any]) -> bool:

@@ -81,7 +81,7 @@ def why(
         told = f"Nothing learned yet: {side.lower()} {differs}."
     which = "objectives" if len(missed) > 1 else "objective"
     told = f"{told} It misses the {which} for {_listed(missed)}." if missed else told
-    return told if reason.kept is None else f"{told} {_held(reason.kept, 'It')}"
+    return told if reason.kept is None else f"{told} {_held(reason.kept, 'It', scenario)}"
 
 
 def _differs(reason: Reason, named: Callable[[str, bool], str]) -> str:
@@ -140,16 +140,24 @@ def kept(smaller: SmallerChange | None, scenario: Scenario) -> str:
     )
 
 
-def _held(kept: int, which: str) -> str:
-    """Return in one sentence how many perturbed runs keep the limits before one does not."""
-    if kept >= ENOUGH:
+def _held(kept: int, which: str, scenario: Scenario) -> str:
+    """Return in one sentence how many perturbed runs keep the limits before one does not.
+
+    Where none is stated, it says what was asked instead, as `prefcal verify` does.
+    """
+    limited = any(kpi.met(0.0) is not None for kpi in scenario.kpis if not kpi.margin)
+    if kept >= ENOUGH and limited:
         return f"{which} keeps the limits in all {ENOUGH} perturbed runs."
-    return f"{which} does not hold: perturbed run {kept + 1} of {ENOUGH} does not keep the limits."
+    if kept >= ENOUGH:
+        reach = "end safely and reach what the nominal run reaches (no limit is stated)"
+        return f"{which} holds: all {ENOUGH} perturbed runs {reach}."
+    lost = "keep the limits" if limited else "end safely, or does not reach what the nominal run reaches"
+    return f"{which} does not hold: perturbed run {kept + 1} of {ENOUGH} does not {lost}."
 
 
 def robust(found: RobustResult, scenario: Scenario) -> Iterator[str]:
     """Yield how the result holds and what that costs, a sentence each."""
-    yield _held(found.kept, "The result")
+    yield _held(found.kept, "The result", scenario)
     if found.kept < ENOUGH:
         return  # nothing was paid
     yield "They vary the plant and the noise; prefcal verify (V) varies sensors, actuators and task, too."

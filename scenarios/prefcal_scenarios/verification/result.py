@@ -122,7 +122,7 @@ class Verification:
             return "keep the stated limits"
         nominal = self.tuning.nominal.kpis
         finite = [k.title for k in self.kpis if k.goal and np.isfinite(nominal.get(k.name, np.inf))]
-        if any("settl" in title or "steady" in title for title in finite):
+        if any("settl" in title.lower() or "steady" in title.lower() for title in finite):
             return "end safely and settle"
         return "end safely" + (" and reach what the nominal run reaches" if finite else "")
 
@@ -164,9 +164,10 @@ class Verification:
             value = self.tuning.nominal.kpis.get(kpi.name, np.inf)
             if not np.isfinite(value) or kpi.goal != "lower" or kpi.margin:
                 continue
-            if kpi.title.startswith("overshoot") and kpi.unit == "%":
+            title = kpi.title.lower()  # people write their own as they like
+            if title.startswith("overshoot") and kpi.unit == "%":
                 limit, why = 10.0, ""
-            elif "settling time" in kpi.title:
+            elif "settling time" in title:
                 limit, why = kpi.read(2 * value), " (twice the nominal one)"
             else:
                 continue
@@ -184,8 +185,9 @@ class Verification:
         said = [_kept_margin(kpi, kpi.read(nominal[kpi.name])) for kpi in stated if kpi.name in nominal]
         if said or isinstance(found, str):
             return f"Margins of the nominal loop: {'; '.join(said)}." if said else ""
-        gain = 20 * np.log10(min(found.gain, 1 / max(found.gain_reduction, 1e-9)))
-        pairs = (("M_s ≤ 2", found.M_s <= 2), ("gain ≥ 6 dB", gain >= 6), ("phase ≥ 30°", found.phase >= 30))
+        gain = _decibels(min(found.gain, 1 / max(found.gain_reduction, 1e-9)))
+        M_s, phase = _sensitivity(found), _phase(found)  # as they are printed
+        pairs = (("M_s ≤ 2", M_s <= 2), ("gain ≥ 6 dB", gain >= 6), ("phase ≥ 30°", phase >= 30))
         missed = [words for words, kept in pairs if not kept]
         usual, has = ", ".join(words for words, _ in pairs), "has them all"
         if missed:
@@ -198,6 +200,7 @@ class Verification:
         found, count = list[str](), len(self.runs)
         for kpi in self.kpis:
             only = [run.kpis[kpi.name] for run in self.failed if run.problems == (_missed(kpi),)]
+            only = [value for value in only if np.isfinite(value)]  # never is never enough
             if only and kpi.goal != "target":
                 limit = kpi.read(min(only) if np.isfinite(kpi.at_least) else max(only))
                 sign, held = objective(kpi)[:1], count - len(self.failed) + len(only)
@@ -479,25 +482,34 @@ def _margin_rows(found: Sequence[Margins | str], time_unit: str) -> Iterator[tup
     """
     for name, read in (
         ("gain margin [dB]", _gain_margin),
-        ("phase margin [°]", lambda m: number(round(m.phase, 1))),
+        ("phase margin [°]", lambda m: number(_phase(m))),
         (labeled("delay margin", time_unit), lambda m: number(m.delay)),
-        ("largest sensitivity M_s", lambda m: number(round(m.M_s, 2))),
+        ("largest sensitivity M_s", lambda m: number(_sensitivity(m))),
         ("disk margin", lambda m: number(round(m.disk, 3))),
     ):
         yield name, *(read(m) if isinstance(m, Margins) else number(None) for m in found)
 
 
 def _gain_margin(m: Margins) -> str:
-    down = f", {_decibels(m.gain_reduction)}" if 0 < m.gain_reduction < 1 else ""
-    return _decibels(m.gain) + down
+    down = f", {number(_decibels(m.gain_reduction))}" if 0 < m.gain_reduction < 1 else ""
+    return number(_decibels(m.gain)) + down
 
 
-def _decibels(factor: float) -> str:
-    return number(round(float(20 * np.log10(factor)), 2))
+def _decibels(factor: float) -> float:
+    return round(float(20 * np.log10(factor)), 2)
+
+
+def _phase(m: Margins) -> float:
+    return round(m.phase, 1)
+
+
+def _sensitivity(m: Margins) -> float:
+    return round(m.M_s, 2)
 
 
 def _range(factor: Factor) -> str:
-    return f"{number(factor.low)} to {quantity(factor.high, factor.unit)}"
+    between = "or" if factor.ends else "to"
+    return f"{number(factor.low)} {between} {quantity(factor.high, factor.unit)}"
 
 
 def _effect(each: Effect) -> str:

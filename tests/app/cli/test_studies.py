@@ -104,7 +104,8 @@ def test_a_report_is_written_of_any_study(prefcal, done, refused, study, tmp_pat
 
 
 @pytest.mark.parametrize("change", ["another leads", "another by hand", "a copy alone"])
-def test_a_tuning_that_is_not_the_best_of_its_study_any_more_is_refused(study, tmp_path, change):
+def test_a_tuning_that_is_not_the_best_of_its_study_any_more_is_refused(study, tmp_path, monkeypatch, change):
+    monkeypatch.chdir(tmp_path)
     best = tmp_path / "prefcal-mine" / "best.json"
     content = json.loads(best.read_text())
     assert tuning_of(best).theta.tolist() == list(content["theta"].values())
@@ -117,9 +118,14 @@ def test_a_tuning_that_is_not_the_best_of_its_study_any_more_is_refused(study, t
         with StudyFile.open(study_path("mine"), clock=str) as file:
             other = next(i for i in range(5) if i != file.state.history.incumbent)
             file.append(Led(other))  # answers one by one still name the first one
-        match = f"the best of mine is experiment {other + 1}. Write it anew: prefcal report mine"
+        match = f"the best of mine is experiment {other + 1}. Write it anew: prefcal report mine$"
     with pytest.raises(StaleError, match=match):
         tuning_of(best)
+    moved = best.parent.rename(tmp_path / "a report")
+    if change != "a copy alone":
+        match = "prefcal report mine --out '.*a report'$"
+    with pytest.raises(StaleError, match=match):
+        tuning_of(moved / "best.json")
 
 
 def test_a_tuning_of_another_study_of_the_same_name_is_not_compared_with_this_one(prefcal, study, tmp_path):

@@ -228,8 +228,14 @@ def test_what_robustness_costs_is_said_of_a_result_that_holds(kept, costs, words
     kpi = KPI("t_f", "time to steady state t_f", "h", better="lower")
     scenario = Scenario("s", "S", KnobSpace([Knob("K", 0, 1)]), lambda theta, seed=0: None, kpis=(kpi,))
     said = list(robust(RobustResult(kept, costs), scenario))
-    first = "The result keeps" if kept == 300 else "The result does not hold: perturbed run 13"
-    assert said[0].startswith(first)
+    limited = replace(scenario, kpis=(replace(kpi, at_most=5.0),))
+    with_limits = next(robust(RobustResult(kept, costs), limited))
+    if kept == 300:
+        assert said[0].startswith("The result holds: all 300 perturbed runs end safely and reach what")
+        assert with_limits == "The result keeps the limits in all 300 perturbed runs."
+    else:
+        assert said[0].startswith("The result does not hold: perturbed run 13 of 300 does not end safely")
+        assert with_limits.endswith("perturbed run 13 of 300 does not keep the limits.")
     assert len(said) == (3 if words else 1)
     assert not words or "verify (V) varies sensors, actuators and task, too" in said[1]
     assert said[-1].startswith(words)

@@ -109,6 +109,32 @@ def test_beside_some_failed_runs_stands_what_to_do_next():
     assert alone == relax
 
 
+def test_titles_of_ones_own_begin_with_capitals_and_get_the_same_offers():
+    def moved(theta, seed=0, mass=1.0):
+        return run(theta, seed).with_kpis({"ts": mass, "most": 20 * mass - 10.5})
+
+    kpis = (KPI("ts", "Settling time", "s", better="lower"), KPI("most", "Overshoot", "%", better="lower"))
+    found = verify(replace(SPRING, run=moved, kpis=kpis), THETA, 3, jobs=1)
+    assert found.statement.startswith("3 of 3 runs end safely and settle")
+    assert "Usual are Settling time at most 2 s" in found.limits
+    assert "Overshoot at most 10 %" in found.limits
+
+
+def test_no_relaxed_limit_is_advised_to_a_run_that_never_arrives():
+    def moved(theta, seed=0, mass=1.0):
+        return run(theta, seed).with_kpis({"ts": np.inf if mass > 1.05 else mass})
+
+    kpis = (KPI("ts", "settling time", "s", at_most=1.02),)
+    found = verify(replace(SPRING, run=moved, kpis=kpis), THETA, 60, jobs=1)
+    late = [each.kpis["ts"] for each in found.failed]
+    slow = [value for value in late if np.isfinite(value)]
+    assert 0 < len(slow) < len(late)
+    (relax,) = found.advice
+    held = 60 - len(late) + len(slow)
+    words = f"with ≤ {max(slow):.4g} s in place of ≤ 1.02 s, {held} of 60 runs hold"
+    assert relax == f"relax the limit of settling time: {words}"
+
+
 def test_what_changes_no_kpi_is_said():
     def deaf(theta, seed=0, mass=1.0, noise=0.5):
         return run(theta, seed, mass)

@@ -304,11 +304,16 @@ def test_usual_margins_are_offered_where_none_is_limited_and_an_unstable_loop_is
     theta = scenario.references["robust"]
     verdicts = []
     for factor in (1.0, 2.4, 5.0):
-        verdicts.append(verify(loose, theta * [factor, 1, 1, 1], 1, jobs=1).margin_verdict)
+        found = verify(loose, theta * [factor, 1, 1, 1], 1, jobs=1)
+        verdicts.append(found.margin_verdict)
+        if factor == 1.0:  # 2.004 is printed as 2, and judged as that
+            close = replace(found.tuning.margins, M_s=2.004, phase=29.96)
+            read = replace(found, tuning=replace(found.tuning, margins=close)).margin_verdict
     assert verdicts[0] == (
         "No limit on a margin is stated. Usual are M_s ≤ 2, gain ≥ 6 dB, phase ≥ 30°: the nominal loop has "
         "them all."
     )
+    assert read == verdicts[0]
     assert "the nominal loop does not have M_s ≤ 2" in verdicts[1]
     assert verdicts[2] == "The nominal loop is not stable: it has no margins."
     (M_s,) = (kpi for kpi in scenario.kpis if kpi.margin)
