@@ -180,14 +180,9 @@ class PlantCare:
         if self._source.recovers:
             self.recovery, self.problem = Recovery.DUE, problem
 
-    def recover(self, changed: Callable[[], None]) -> Run:
-        """Return the run that restores the old values, which is in progress from now on.
-
-        Args:
-            changed: Function that is called when there is news, from the thread of the work.
-        """
+    def recover(self) -> Run:
+        """Return the run that restores the old values, which is in progress from now on."""
         self.recovery, self.run = Recovery.RUNNING, self._source.recovery()
-        self.run.changed = changed
         return self.run
 
     def recovered(self, problem: str) -> None:

@@ -703,10 +703,12 @@ class Interview:
         guarded = self._guarded
         with guarded.changing() as flow:
             # Never start a plant after closing: a person may already stand at it.
+            before = flow.version
             job = None if guarded.closing else runs.due(flow, ahead=self._runs_ahead)
-            self._idle_at = flow.version if job is None else None
+            took = flow.version != before  # a result that was known already
+            self._idle_at = None if job or took else flow.version
         if job is None:
-            return False
+            return took
         try:
             found = job.run()
             with guarded.changing() as flow:

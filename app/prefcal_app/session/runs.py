@@ -3,19 +3,19 @@
 import threading
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, Protocol, Self, TypeVar, cast
+from typing import Any, Protocol, TypeVar, cast
 
 import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.agent import Agent
 from prefcal_agents.screening.agent import Screening
-from prefcal_agents.screening.findings import Findings, findings
+from prefcal_agents.screening.findings import findings
 from prefcal_app.simulating import Abandoned, Screened
 from prefcal_env.errors import KnobError, RecordError, RunError, ScenarioError, StaleError, StudyError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs import theta_key
-from prefcal_env.preferences.answer import Answer, Outcome, Query, counts_as_unsafe
+from prefcal_env.preferences.answer import Answer, Outcome, counts_as_unsafe
 from prefcal_env.preferences.history import History
 from prefcal_env.sources import Run, Table
 from prefcal_env.study import (
@@ -40,7 +40,6 @@ from .study import GOOD_ENOUGH, Phase, Question, Recovery, agent_of
 
 # --- Let the agent choose queries in the background: it may simulate for seconds, without a lock.
 
-
 Found = TypeVar("Found")
 Theta = Float[np.ndarray, " n"]
 
@@ -50,30 +49,22 @@ class Job(Protocol[Found]):
 
     def run(self) -> Found:
         """Do what takes long, without the lock, and return what came of it."""
-        ...
 
     def finish(self, flow: Flow, found: Found) -> None:
         """Take what came of it, with the lock held again: the person may have done anything meanwhile."""
-        ...
 
 
-@dataclass(frozen=True, eq=False, slots=True)
 class Choose:
     """Choose the next query, then show it or run its experiment.
 
     A copy of the agent does it, since the person may undo or retract an answer meanwhile.
     """
 
-    history: History
-    twin: Agent
-    simulates: bool
-
-    @classmethod
-    def of(cls, flow: Flow) -> Self:
-        """Prepare it for the present record."""
-        flow.thoughts.about = flow.agent.history
+    def __init__(self, flow: Flow) -> None:
+        self.history, self.twin = flow.agent.history, flow.agent.copy()
+        self.simulates = flow.thoughts.simulator is not None
+        flow.thoughts.about = self.history
         flow.thoughts.resume()
-        return cls(flow.agent.history, flow.agent.copy(), flow.thoughts.simulator is not None)
 
     def run(self) -> Screened | Abandoned | None:
         """Return what the query was chosen from, if the agent simulates."""
@@ -93,7 +84,6 @@ class Choose:
             flow.resume()
 
 
-@dataclass(frozen=True, eq=False, slots=True)
 class LookAhead:
     """Tell a copy of the agent a likely answer to the open question.
 
@@ -101,22 +91,11 @@ class LookAhead:
     again, and an error is shown.
     """
 
-    asked: Question
-    answer: Answer
-    query: Query
-    twin: Agent
-    simulates: bool
-
-    @classmethod
-    def of(cls, flow: Flow, asked: Question) -> Self | None:
-        """Prepare it for the next likely answer; None if all were tried."""
-        simulates = flow.thoughts.simulator is not None
-        answer = flow.thoughts.prefetch.missing(asked, LIKELIEST if simulates else len(LIKELY))
-        if answer is None:
-            return None
+    def __init__(self, flow: Flow, asked: Question, answer: Answer) -> None:
+        self.asked, self.answer, self.query = asked, answer, flow.agent.ask()
+        self.twin, self.simulates = flow.agent.copy(), flow.thoughts.simulator is not None
         flow.thoughts.prefetch.busy = answer
         flow.thoughts.resume()
-        return cls(asked, answer, flow.agent.ask(), flow.agent.copy(), simulates)
 
     def run(self) -> tuple[History, Screened | None, Theta | None] | None:
         """Return the record with that answer, what is chosen from then, and which θ; None after an error."""
@@ -162,25 +141,16 @@ def is_unsaid(flow: Flow) -> bool:
     return not found.complete or found.over is not (flow.phase is Phase.OVER)
 
 
-@dataclass(frozen=True, eq=False, slots=True)
 class Say:
     """Work out the next part of what is said of the open question or, at the end, of the result.
 
     Errors are ignored: the question can be answered, and the result is one without it.
     """
 
-    asked: Question | None
-    twin: Screening
-    found: Findings | None
-    over: bool
-    explains: bool
-
-    @classmethod
-    def of(cls, flow: Flow) -> Self:
-        """Prepare it for the present record."""
+    def __init__(self, flow: Flow) -> None:
+        self.asked, self.twin, self.found = flow.question, cast(Screening, flow.agent.copy()), flow.findings
+        self.over, self.explains = flow.phase is Phase.OVER, is_unexplained(flow)
         flow.thoughts.resume()
-        twin, over = cast(Screening, flow.agent.copy()), flow.phase is Phase.OVER
-        return cls(flow.question, twin, flow.findings, over, is_unexplained(flow))
 
     def run(self) -> Screened | None:
         """Return what is known with that part; None after an error."""
@@ -365,15 +335,15 @@ _ONE_AT_A_TIME = threading.Lock()  # held during a look: clicking through many �
 
 
 def due(flow: Flow, *, ahead: bool) -> Job[Any] | None:
-    """Return the next piece of work; None if there is none."""
+    """Return the next piece of work; None if there is none, or if it took no time and is done."""
     underway, study = flow.underway, flow.study
     if underway.plant.recovery is Recovery.DUE:
-        return Restore(underway.plant.recover(underway.changed))
+        return Restore(flow)
     if flow.phase in (Phase.RECORD, Phase.CONFIRM) or underway.moves_plant:
         return _attended(flow)
     if flow.phase is Phase.RUNNING:
         if study.must_think:
-            return Choose.of(flow)
+            return Choose(flow)
         pending = study.pending
         if pending is None or pending.index in flow.state.finished or underway.source.asks:
             return GoOn()
@@ -381,22 +351,23 @@ def due(flow: Flow, *, ahead: bool) -> Job[Any] | None:
             return _beside(flow) if flow.proposed else GoOn()
         return _running(flow, pending)
     if flow.phase is Phase.QUESTION and is_unexplained(flow):
-        return Say.of(flow)
+        return Say(flow)
     if flow.phase is Phase.OVER and is_unsaid(flow):
-        return Say.of(flow)
+        return Say(flow)
     if flow.at_once > 1:
         return _beside(flow) if flow.phase in (Phase.QUESTION, Phase.FAILED) else None
     if flow.phase is not Phase.QUESTION:
         return None
     looking = _looking_ahead(flow) if ahead and not underway.source.asks else None
-    return Say.of(flow) if looking is None and is_unsaid(flow) else looking
+    return Say(flow) if looking is None and is_unsaid(flow) else looking
 
 
-@dataclass(frozen=True, eq=False, slots=True)
 class Restore:
     """Restore a plant's old values."""
 
-    recovery: Run
+    def __init__(self, flow: Flow) -> None:
+        self.recovery = flow.underway.plant.recover()
+        self.recovery.changed = flow.underway.changed
 
     def run(self) -> str:
         """Return why it failed; empty if it did not."""
@@ -427,48 +398,14 @@ class GoOn:
             flow.proceed()
 
 
-class Nothing:
-    """Do nothing more: what was due is done."""
-
-    def run(self) -> None:
-        """Do nothing."""
-
-    def finish(self, flow: Flow, found: None) -> None:
-        """Do nothing."""
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class RunSample:
-    """Advance the run of a pending sample."""
-
-    flow: Flow
-    sample: Suggested
-    going: Run
-
-    def run(self) -> Experiment | Exception | None:
-        """Return its experiment, its error, or None if it asks a person first."""
-        return attempt(self.flow, self.going, np.array(self.sample.theta))
-
-    def finish(self, flow: Flow, found: Experiment | Exception | None) -> None:
-        """Take the result."""
-        flow.underway.end(np.array(self.sample.theta), found)
-        flow.version += found is None  # front ends show what it asks
-        # Not a failure if it was given up: it runs again when it is needed again.
-        given_up = isinstance(found, RunError) and found.why == "given up"
-        if found is not None and not given_up:
-            _ran(flow, self.sample, found)
-
-
-@dataclass(frozen=True, eq=False, slots=True)
 class RunAhead:
     """Run θ, physical, shape (n,), before it is needed."""
 
-    flow: Flow
-    theta: Theta
-    going: Run
+    def __init__(self, flow: Flow, theta: Theta) -> None:
+        self.flow, self.theta, self.going = flow, theta, flow.underway.begin(theta)
 
     def run(self) -> Experiment | Exception | None:
-        """Return its experiment or its error."""
+        """Return its experiment, its error, or None if it asks a person first."""
         return attempt(self.flow, self.going, self.theta)
 
     def finish(self, flow: Flow, found: Experiment | Exception | None) -> None:
@@ -480,7 +417,24 @@ class RunAhead:
             flow.thoughts.prefetch.keep_failure(self.theta, found)
 
 
-def _attended(flow: Flow) -> Job[Any] | None:
+class RunSample(RunAhead):
+    """Run a pending sample: its result is recorded."""
+
+    def __init__(self, flow: Flow, sample: Suggested) -> None:
+        super().__init__(flow, np.array(sample.theta))
+        self.sample = sample
+
+    def finish(self, flow: Flow, found: Experiment | Exception | None) -> None:
+        """Take the result."""
+        flow.underway.end(self.theta, found)
+        flow.version += found is None  # front ends show what it asks
+        # Not a failure if it was given up: it runs again when it is needed again.
+        given_up = isinstance(found, RunError) and found.why == "given up"
+        if found is not None and not given_up:
+            _ran(flow, self.sample, found)
+
+
+def _attended(flow: Flow) -> RunSample | None:
     """Advance the run that a person attends to, unless it waits for them or for the plant."""
     underway, pending = flow.underway, flow.study.pending
     run = underway.of(pending)
@@ -489,7 +443,7 @@ def _attended(flow: Flow) -> Job[Any] | None:
     return _running(flow, pending)
 
 
-def _beside(flow: Flow) -> Job[Any] | None:
+def _beside(flow: Flow) -> RunSample | None:
     """Run the first pending sample that does not run yet; None if all do, or enough."""
     if len(flow.underway.going) >= flow.at_once:
         return None
@@ -504,16 +458,16 @@ def _beside(flow: Flow) -> Job[Any] | None:
     return None
 
 
-def _running(flow: Flow, sample: Suggested) -> Job[Any]:
-    """Run a pending sample, or take its result if that is known already."""
+def _running(flow: Flow, sample: Suggested) -> RunSample | None:
+    """Run a pending sample; None if its result is known already, and taken now."""
     theta = np.array(sample.theta)
     known = flow.thoughts.prefetch.experiment(theta) or flow.thoughts.prefetch.take_failure(theta)
     if known is None:
-        return RunSample(flow, sample, flow.underway.begin(theta))
+        return RunSample(flow, sample)
     # At once, since another thread would run it again meanwhile.
     flow.underway.end(theta, known)
     _ran(flow, sample, known)
-    return Nothing()
+    return None
 
 
 def _ran(flow: Flow, sample: Suggested, result: Experiment | Exception) -> None:
@@ -538,9 +492,7 @@ def _ran(flow: Flow, sample: Suggested, result: Experiment | Exception) -> None:
     return flow.move(Phase.FAILED, result)
 
 
-def _ran_beside(
-    flow: Flow, index: int, result: Experiment | Exception, theta: Float[np.ndarray, " n"]
-) -> None:
+def _ran_beside(flow: Flow, index: int, result: Experiment | Exception, theta: Theta) -> None:
     """Save the experiment of pending sample `index`; its failure is shown when it is due."""
     if flow.at_once == 1:
         return
@@ -610,9 +562,7 @@ def look_at(flow: Flow, lock: threading.Condition, theta: Float[np.ndarray, " n"
     return result
 
 
-def _looked_at(
-    flow: Flow, lock: threading.Condition, theta: Float[np.ndarray, " n"]
-) -> Experiment | Exception | None:
+def _looked_at(flow: Flow, lock: threading.Condition, theta: Theta) -> Experiment | Exception | None:
     key = b"look " + theta_key(theta)
     with lock:
         run = (flow.thoughts.twin or flow.store.scenario).source.begin(theta.copy(), seed=flow.study.seed)
@@ -624,16 +574,18 @@ def _looked_at(
             del flow.underway.going[key]
 
 
-def _looking_ahead(flow: Flow) -> Job[Any] | None:
+def _looking_ahead(flow: Flow) -> RunAhead | LookAhead | None:
     """Run the θ that a copy of the agent proposes after a likely answer, or let one propose it."""
     asked, theta = flow.question, flow.thoughts.prefetch.next
     assert asked is not None
     if asked.repeats is not None:
         return None
-    if theta is None:
-        return LookAhead.of(flow, asked)
-    flow.thoughts.prefetch.next = None
-    return RunAhead(flow, theta, flow.underway.begin(theta))
+    if theta is not None:
+        flow.thoughts.prefetch.next = None
+        return RunAhead(flow, theta)
+    most = len(LIKELY) if flow.thoughts.simulator is None else LIKELIEST
+    answer = flow.thoughts.prefetch.missing(asked, most)
+    return None if answer is None else LookAhead(flow, asked, answer)
 
 
 def _is_known(flow: Flow, theta: Float[np.ndarray, " n"]) -> bool:
