@@ -157,9 +157,6 @@ class Thoughts:
 
 # --- Hold the runs of an interview: those in progress, and those that wait to begin.
 
-Attempt = Callable[[], Callable[[], None]]
-"""Long-running function, called without the lock; it returns a function to call with the lock."""
-
 
 class PlantCare:
     """What must be done on a plant before anything else: restore what an interrupted run left.
@@ -183,29 +180,15 @@ class PlantCare:
         if self._source.recovers:
             self.recovery, self.problem = Recovery.DUE, problem
 
-    def recover(self, changed: Callable[[], None]) -> Attempt:
-        """Return the work that restores the old values.
-
-        Args:
-            changed: Function that is called when there is news, from the thread of the work.
-        """
+    def recover(self) -> Run:
+        """Return the run that restores the old values, which is in progress from now on."""
         self.recovery, self.run = Recovery.RUNNING, self._source.recovery()
-        run, run.changed = self.run, changed
+        return self.run
 
-        def restore() -> Callable[[], None]:
-            problem = ""
-            try:
-                run.advance()
-            except Exception as error:  # whatever it is, the old values may be missing
-                problem = str(error) or type(error).__name__
-
-            def done() -> None:
-                self.problem, self.run = problem, None
-                self.recovery = Recovery.FAILED if problem else Recovery.DONE
-
-            return done
-
-        return restore
+    def recovered(self, problem: str) -> None:
+        """Take note that the old values are restored, or of the `problem` that they are not."""
+        self.problem, self.run = problem, None
+        self.recovery = Recovery.FAILED if problem else Recovery.DONE
 
     def now(self, run: Run | None) -> PlantNow:
         """Return what a front end shows of a live plant, given the run of the pending sample."""

@@ -703,14 +703,16 @@ class Interview:
         guarded = self._guarded
         with guarded.changing() as flow:
             # Never start a plant after closing: a person may already stand at it.
-            attempt = None if guarded.closing else runs.due(flow, ahead=self._runs_ahead)
-            self._idle_at = flow.version if attempt is None else None
-        if attempt is None:
-            return False
+            before = flow.version
+            job = None if guarded.closing else runs.due(flow, ahead=self._runs_ahead)
+            took = flow.version != before  # a result that was known already
+            self._idle_at = None if job or took else flow.version
+        if job is None:
+            return took
         try:
-            finish = attempt()
-            with guarded.changing():
-                finish()
+            found = job.run()
+            with guarded.changing() as flow:
+                job.finish(flow, found)
         except Exception as error:
             # Keep the thread alive: the problem is shown and can be retried.
             with guarded.changing() as flow:

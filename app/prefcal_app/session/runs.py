@@ -1,10 +1,9 @@
 """Let the agent think and experiments run, while a study waits for them: what is due, done and supplied."""
 
 import threading
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import cast
+from typing import Any, Protocol, TypeVar, cast
 
 import numpy as np
 from jaxtyping import Float
@@ -16,7 +15,8 @@ from prefcal_app.simulating import Abandoned, Screened
 from prefcal_env.errors import KnobError, RecordError, RunError, ScenarioError, StaleError, StudyError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs import theta_key
-from prefcal_env.preferences.answer import Outcome, counts_as_unsafe
+from prefcal_env.preferences.answer import Answer, Outcome, counts_as_unsafe
+from prefcal_env.preferences.history import History
 from prefcal_env.sources import Run, Table
 from prefcal_env.study import (
     Concluded,
@@ -35,77 +35,92 @@ from prefcal_env.wording import as_exception, in_words
 from prefcal_scenarios.runs import outcome
 from prefcal_scenarios.scenario import Scenario, check_experiment
 
-from .flow import LIKELIEST, LIKELY, Attempt, Flow, refusal
+from .flow import LIKELIEST, LIKELY, Flow, refusal
 from .study import GOOD_ENOUGH, Phase, Question, Recovery, agent_of
 
 # --- Let the agent choose queries in the background: it may simulate for seconds, without a lock.
 
+Found = TypeVar("Found")
+Theta = Float[np.ndarray, " n"]
 
-def think(flow: Flow) -> Attempt:
+
+class Job(Protocol[Found]):
+    """A piece of work that was prepared with the interview's lock held."""
+
+    def run(self) -> Found:
+        """Do what takes long, without the lock, and return what came of it."""
+
+    def finish(self, flow: Flow, found: Found) -> None:
+        """Take what came of it, with the lock held again: the person may have done anything meanwhile."""
+
+
+class Choose:
     """Choose the next query, then show it or run its experiment.
 
     A copy of the agent does it, since the person may undo or retract an answer meanwhile.
     """
-    history, twin = flow.agent.history, flow.agent.copy()
-    flow.thoughts.about = history
-    flow.thoughts.resume()
 
-    def choose() -> Callable[[], None]:
+    def __init__(self, flow: Flow) -> None:
+        self.history, self.twin = flow.agent.history, flow.agent.copy()
+        self.simulates = flow.thoughts.simulator is not None
+        flow.thoughts.about = self.history
+        flow.thoughts.resume()
+
+    def run(self) -> Screened | Abandoned | None:
+        """Return what the query was chosen from, if the agent simulates."""
         try:
-            screened = _screened(flow, twin)
-        except Abandoned:
-            return lambda: None
+            return _screened(self.twin, self.simulates)
+        except Abandoned as given_up:
+            return given_up
 
-        def keep() -> None:
-            flow.thoughts.about = None
-            if flow.agent.history == history and flow.phase is Phase.RUNNING:
-                flow.thoughts.screened = screened or flow.thoughts.screened
-                # A question that was already open, before a restart, stays open under its id.
-                flow.resume()
+    def finish(self, flow: Flow, found: Screened | Abandoned | None) -> None:
+        """Show the query, or let its experiment run."""
+        if isinstance(found, Abandoned):
+            return
+        flow.thoughts.about = None
+        if flow.agent.history == self.history and flow.phase is Phase.RUNNING:
+            flow.thoughts.screened = found or flow.thoughts.screened
+            # A question that was already open, before a restart, stays open under its id.
+            flow.resume()
 
-        return keep
 
-    return choose
-
-
-def look_ahead(flow: Flow, asked: Question) -> Attempt | None:
-    """Tell a copy of the agent the next likely answer to the open question; None if all were tried.
+class LookAhead:
+    """Tell a copy of the agent a likely answer to the open question.
 
     Errors are ignored here, since that answer may never be given. If it is, the same work is done
     again, and an error is shown.
     """
-    most = len(LIKELY) if flow.thoughts.simulator is None else LIKELIEST
-    answer = flow.thoughts.prefetch.missing(asked, most)
-    if answer is None:
-        return None
-    query, twin = flow.agent.ask(), flow.agent.copy()
-    flow.thoughts.prefetch.busy = answer
-    flow.thoughts.resume()
 
-    def look() -> Callable[[], None]:
-        try:
-            twin.tell(query, answer)
+    def __init__(self, flow: Flow, asked: Question, answer: Answer) -> None:
+        self.asked, self.answer, self.query = asked, answer, flow.agent.ask()
+        self.twin, self.simulates = flow.agent.copy(), flow.thoughts.simulator is not None
+        flow.thoughts.prefetch.busy = answer
+        flow.thoughts.resume()
+
+    def run(self) -> tuple[History, Screened | None, Theta | None] | None:
+        """Return the record with that answer, what is chosen from then, and which θ; None after an error."""
+        twin = self.twin
+        with suppress(Exception):
+            twin.tell(self.query, self.answer)
             told = twin.history
-            screened = _screened(flow, twin)
-            theta = None if twin.done else twin.ask().challenger.theta
-        except Exception:
-            return lambda: _rest(flow)
+            return told, _screened(twin, self.simulates), None if twin.done else twin.ask().challenger.theta
+        return None
 
-        def keep() -> None:
-            _rest(flow)
-            if flow.question is asked:
-                flow.thoughts.prefetch.keep_screened(answer, screened)
-                if theta is not None and not _is_known(flow, theta):
-                    flow.thoughts.prefetch.next = theta
-                return
-            waits = flow.phase is Phase.RUNNING and flow.agent.history.pending is None
-            if waits and flow.agent.history == told:  # the answer came meanwhile, and it is this one
-                flow.thoughts.screened = screened or flow.thoughts.screened
-                flow.proceed()
-
-        return keep
-
-    return look
+    def finish(self, flow: Flow, found: tuple[History, Screened | None, Theta | None] | None) -> None:
+        """Keep it for the case that this is the answer, and go on if it was given already."""
+        flow.thoughts.prefetch.busy = None
+        if found is None:
+            return
+        told, screened, theta = found
+        if flow.question is self.asked:
+            flow.thoughts.prefetch.keep_screened(self.answer, screened)
+            if theta is not None and not _is_known(flow, theta):
+                flow.thoughts.prefetch.next = theta
+            return
+        waits = flow.phase is Phase.RUNNING and flow.agent.history.pending is None
+        if waits and flow.agent.history == told:  # the answer came meanwhile, and it is this one
+            flow.thoughts.screened = screened or flow.thoughts.screened
+            flow.proceed()
 
 
 def is_unexplained(flow: Flow) -> bool:
@@ -126,48 +141,39 @@ def is_unsaid(flow: Flow) -> bool:
     return not found.complete or found.over is not (flow.phase is Phase.OVER)
 
 
-def say(flow: Flow) -> Attempt:
+class Say:
     """Work out the next part of what is said of the open question or, at the end, of the result.
 
     Errors are ignored: the question can be answered, and the result is one without it.
     """
-    asked, twin, found = flow.question, cast(Screening, flow.agent.copy()), flow.findings
-    over, explains = flow.phase is Phase.OVER, is_unexplained(flow)
-    flow.thoughts.resume()
 
-    def work_out() -> Callable[[], None]:
-        screened = None
+    def __init__(self, flow: Flow) -> None:
+        self.asked, self.twin, self.found = flow.question, cast(Screening, flow.agent.copy()), flow.findings
+        self.over, self.explains = flow.phase is Phase.OVER, is_unexplained(flow)
+        flow.thoughts.resume()
+
+    def run(self) -> Screened | None:
+        """Return what is known with that part; None after an error."""
         with suppress(Exception):
             # After a restart, what was said is known, but not what was simulated.
-            more = found if explains and found is not None else findings(twin, found, over=over)
-            screened = Screened.of(twin, more)
+            said = self.found if self.explains else None
+            return Screened.of(self.twin, said or findings(self.twin, self.found, over=self.over))
+        return None
 
-        def keep() -> None:
-            if flow.question is not asked:
-                return
-            flow.thoughts.screened = screened or flow.thoughts.screened
-            flow.thoughts.prefetch.silent = screened is None
-            flow.version += 1
-            _conclude(flow)
-
-        return keep
-
-    return work_out
-
-
-def _conclude(flow: Flow) -> None:
-    """Keep what is said of the result in the study file, once that is all."""
-    found, over = flow.findings, flow.phase is Phase.OVER and flow.state.concluded is None
-    if over and found is not None and found.over and found.complete:
-        with suppress(StudyError):  # it is shown all the same, and follows from the record
-            flow.append(Concluded(found.to_dict()))
+    def finish(self, flow: Flow, found: Screened | None) -> None:
+        """Let it be seen and, once all is said of the result, keep that in the study file."""
+        if flow.question is not self.asked:
+            return
+        flow.thoughts.screened = found or flow.thoughts.screened
+        flow.thoughts.prefetch.silent = found is None
+        flow.version += 1
+        said, over = flow.findings, flow.phase is Phase.OVER and flow.state.concluded is None
+        if over and said is not None and said.over and said.complete:
+            with suppress(StudyError):  # it is shown all the same, and follows from the record
+                flow.append(Concluded(said.to_dict()))
 
 
-def _rest(flow: Flow) -> None:
-    flow.thoughts.prefetch.busy = None
-
-
-def _screened(flow: Flow, twin: Agent) -> Screened | None:
+def _screened(twin: Agent, simulates: bool) -> Screened | None:
     """Let `twin` choose its next query; return what it was chosen from, if it simulates.
 
     A question can be answered without its reason, so no error of that is raised; one of the
@@ -176,7 +182,7 @@ def _screened(flow: Flow, twin: Agent) -> Screened | None:
     if twin.done:
         return None
     twin.ask()
-    if flow.thoughts.simulator is None:
+    if not simulates:
         return None
     screening = cast(Screening, twin)
     _ = screening.bank
@@ -328,53 +334,107 @@ UNBIDDEN = ("late", "died")
 _ONE_AT_A_TIME = threading.Lock()  # held during a look: clicking through many θ must not keep every core busy
 
 
-def due(flow: Flow, *, ahead: bool) -> Attempt | None:
-    """Return the next piece of work; None if there is none."""
+def due(flow: Flow, *, ahead: bool) -> Job[Any] | None:
+    """Return the next piece of work; None if there is none, or if it took no time and is done."""
     underway, study = flow.underway, flow.study
     if underway.plant.recovery is Recovery.DUE:
-        return _restoring(flow)
+        return Restore(flow)
     if flow.phase in (Phase.RECORD, Phase.CONFIRM) or underway.moves_plant:
         return _attended(flow)
     if flow.phase is Phase.RUNNING:
         if study.must_think:
-            return think(flow)
+            return Choose(flow)
         pending = study.pending
         if pending is None or pending.index in flow.state.finished or underway.source.asks:
-            return lambda: lambda: _go_on_running(flow)
+            return GoOn()
         if flow.at_once > 1:
-            return _beside(flow) if flow.proposed else lambda: lambda: _go_on_running(flow)
+            return _beside(flow) if flow.proposed else GoOn()
         return _running(flow, pending)
     if flow.phase is Phase.QUESTION and is_unexplained(flow):
-        return say(flow)
+        return Say(flow)
     if flow.phase is Phase.OVER and is_unsaid(flow):
-        return say(flow)
+        return Say(flow)
     if flow.at_once > 1:
         return _beside(flow) if flow.phase in (Phase.QUESTION, Phase.FAILED) else None
     if flow.phase is not Phase.QUESTION:
         return None
     looking = _looking_ahead(flow) if ahead and not underway.source.asks else None
-    if looking is None and is_unsaid(flow):
-        return say(flow)
-    return looking
+    return Say(flow) if looking is None and is_unsaid(flow) else looking
 
 
-def _restoring(flow: Flow) -> Attempt:
-    """Restore the plant's old values."""
-    restore = flow.underway.plant.recover(flow.underway.changed)
+class Restore:
+    """Restore a plant's old values."""
 
-    def advance() -> Callable[[], None]:
-        done = restore()
+    def __init__(self, flow: Flow) -> None:
+        self.recovery = flow.underway.plant.recover()
+        self.recovery.changed = flow.underway.changed
 
-        def tell() -> None:
-            done()
-            flow.version += 1
+    def run(self) -> str:
+        """Return why it failed; empty if it did not."""
+        try:
+            self.recovery.advance()
+        except Exception as error:  # whatever it is, the old values may be missing
+            return str(error) or type(error).__name__
+        return ""
 
-        return tell
+    def finish(self, flow: Flow, found: str) -> None:
+        """Tell front ends."""
+        flow.underway.plant.recovered(found)
+        flow.version += 1
 
-    return advance
+
+class GoOn:
+    """Proceed, where nothing takes long."""
+
+    def run(self) -> None:
+        """Do nothing."""
+
+    def finish(self, flow: Flow, found: None) -> None:
+        """Proceed, unless an undo, a retraction or the end did so before the lock was acquired.
+
+        Proceeding twice would show the same question again under another id.
+        """
+        if flow.phase is Phase.RUNNING:
+            flow.proceed()
 
 
-def _attended(flow: Flow) -> Attempt | None:
+class RunAhead:
+    """Run θ, physical, shape (n,), before it is needed."""
+
+    def __init__(self, flow: Flow, theta: Theta) -> None:
+        self.flow, self.theta, self.going = flow, theta, flow.underway.begin(theta)
+
+    def run(self) -> Experiment | Exception | None:
+        """Return its experiment, its error, or None if it asks a person first."""
+        return attempt(self.flow, self.going, self.theta)
+
+    def finish(self, flow: Flow, found: Experiment | Exception | None) -> None:
+        """Keep the result for the case that it is needed."""
+        flow.underway.end(self.theta, found)
+        if isinstance(found, Experiment):
+            flow.thoughts.prefetch.keep(self.theta, found)
+        elif isinstance(found, RunError) and found.why in (*UNBIDDEN, "stopped"):
+            flow.thoughts.prefetch.keep_failure(self.theta, found)
+
+
+class RunSample(RunAhead):
+    """Run a pending sample: its result is recorded."""
+
+    def __init__(self, flow: Flow, sample: Suggested) -> None:
+        super().__init__(flow, np.array(sample.theta))
+        self.sample = sample
+
+    def finish(self, flow: Flow, found: Experiment | Exception | None) -> None:
+        """Take the result."""
+        flow.underway.end(self.theta, found)
+        flow.version += found is None  # front ends show what it asks
+        # Not a failure if it was given up: it runs again when it is needed again.
+        given_up = isinstance(found, RunError) and found.why == "given up"
+        if found is not None and not given_up:
+            _ran(flow, self.sample, found)
+
+
+def _attended(flow: Flow) -> RunSample | None:
     """Advance the run that a person attends to, unless it waits for them or for the plant."""
     underway, pending = flow.underway, flow.study.pending
     run = underway.of(pending)
@@ -383,7 +443,7 @@ def _attended(flow: Flow) -> Attempt | None:
     return _running(flow, pending)
 
 
-def _beside(flow: Flow) -> Attempt | None:
+def _beside(flow: Flow) -> RunSample | None:
     """Run the first pending sample that does not run yet; None if all do, or enough."""
     if len(flow.underway.going) >= flow.at_once:
         return None
@@ -398,31 +458,16 @@ def _beside(flow: Flow) -> Attempt | None:
     return None
 
 
-def _running(flow: Flow, sample: Suggested) -> Attempt:
-    """Run a pending sample, or take its result if that is known already."""
+def _running(flow: Flow, sample: Suggested) -> RunSample | None:
+    """Run a pending sample; None if its result is known already, and taken now."""
     theta = np.array(sample.theta)
     known = flow.thoughts.prefetch.experiment(theta) or flow.thoughts.prefetch.take_failure(theta)
-    if known is not None:
-        # At once, since another thread would run it again meanwhile.
-        flow.underway.end(theta, known)
-        _ran(flow, sample, known)
-        return lambda: lambda: None
-    run = flow.underway.begin(theta)
-
-    def advance() -> Callable[[], None]:
-        result = attempt(flow, run, theta)
-        given_up = isinstance(result, RunError) and result.why == "given up"
-
-        def done() -> None:
-            flow.underway.end(theta, result)
-            flow.version += result is None  # front ends show what it asks
-            # Not a failure if it was given up: it runs again when it is needed again.
-            if result is not None and not given_up:
-                _ran(flow, sample, result)
-
-        return done
-
-    return advance
+    if known is None:
+        return RunSample(flow, sample)
+    # At once, since another thread would run it again meanwhile.
+    flow.underway.end(theta, known)
+    _ran(flow, sample, known)
+    return None
 
 
 def _ran(flow: Flow, sample: Suggested, result: Experiment | Exception) -> None:
@@ -447,9 +492,7 @@ def _ran(flow: Flow, sample: Suggested, result: Experiment | Exception) -> None:
     return flow.move(Phase.FAILED, result)
 
 
-def _ran_beside(
-    flow: Flow, index: int, result: Experiment | Exception, theta: Float[np.ndarray, " n"]
-) -> None:
+def _ran_beside(flow: Flow, index: int, result: Experiment | Exception, theta: Theta) -> None:
     """Save the experiment of pending sample `index`; its failure is shown when it is due."""
     if flow.at_once == 1:
         return
@@ -458,15 +501,6 @@ def _ran_beside(
     else:
         flow.thoughts.prefetch.keep_failure(theta, result)
     flow.version += 1
-
-
-def _go_on_running(flow: Flow) -> None:
-    """Proceed, unless an undo, a retraction or the end did so before the lock was acquired.
-
-    Proceeding twice would show the same question again under another id.
-    """
-    if flow.phase is Phase.RUNNING:
-        flow.proceed()
 
 
 def attempt(
@@ -528,9 +562,7 @@ def look_at(flow: Flow, lock: threading.Condition, theta: Float[np.ndarray, " n"
     return result
 
 
-def _looked_at(
-    flow: Flow, lock: threading.Condition, theta: Float[np.ndarray, " n"]
-) -> Experiment | Exception | None:
+def _looked_at(flow: Flow, lock: threading.Condition, theta: Theta) -> Experiment | Exception | None:
     key = b"look " + theta_key(theta)
     with lock:
         run = (flow.thoughts.twin or flow.store.scenario).source.begin(theta.copy(), seed=flow.study.seed)
@@ -542,35 +574,18 @@ def _looked_at(
             del flow.underway.going[key]
 
 
-def _looking_ahead(flow: Flow) -> Attempt | None:
+def _looking_ahead(flow: Flow) -> RunAhead | LookAhead | None:
     """Run the θ that a copy of the agent proposes after a likely answer, or let one propose it."""
-    asked = flow.question
+    asked, theta = flow.question, flow.thoughts.prefetch.next
     assert asked is not None
     if asked.repeats is not None:
         return None
-    if flow.thoughts.prefetch.next is not None:
-        return _running_ahead(flow, flow.thoughts.prefetch.next)
-    return look_ahead(flow, asked)
-
-
-def _running_ahead(flow: Flow, theta: Float[np.ndarray, " n"]) -> Attempt:
-    """Run θ before it is needed."""
-    flow.thoughts.prefetch.next = None
-    run = flow.underway.begin(theta)
-
-    def advance() -> Callable[[], None]:
-        result = attempt(flow, run, theta)
-
-        def keep() -> None:
-            flow.underway.end(theta, result)
-            if isinstance(result, Experiment):
-                flow.thoughts.prefetch.keep(theta, result)
-            elif isinstance(result, RunError) and result.why in (*UNBIDDEN, "stopped"):
-                flow.thoughts.prefetch.keep_failure(theta, result)
-
-        return keep
-
-    return advance
+    if theta is not None:
+        flow.thoughts.prefetch.next = None
+        return RunAhead(flow, theta)
+    most = len(LIKELY) if flow.thoughts.simulator is None else LIKELIEST
+    answer = flow.thoughts.prefetch.missing(asked, most)
+    return None if answer is None else LookAhead(flow, asked, answer)
 
 
 def _is_known(flow: Flow, theta: Float[np.ndarray, " n"]) -> bool:

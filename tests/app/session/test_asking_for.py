@@ -101,9 +101,10 @@ def test_a_run_that_is_no_longer_needed_is_kept_for_later():
     while interview.now().pending is None or interview.now().pending.index < 1:
         interview.work()
     former = interview.now().pending
-    running = runs.due(interview._flow, ahead=False)()  # it ends after the request
+    job = runs.due(interview._flow, ahead=False)
+    found = job.run()  # it ends after the request
     interview.steps.ask_for(WANTED)
-    running()
+    job.finish(interview._flow, found)
     assert former.index not in interview.now().state.finished
     now = proceed(interview)
     assert now.question.challenger.experiment.theta.tolist() == WANTED.tolist()
