@@ -827,6 +827,7 @@ def _answer_all(work: Calibration, ctrl_c: Interruption) -> None:
     with _Display(work) as display:
         display.compared(len(interview.past.comparisons()))
         interview.prepare(display.compiling)
+        ctrl_c.check()  # a press while something is compiled is swallowed there, and simulations take long
         for _ in unattended(interview, calibrator, display.running, work.say):
             display.compared()
             ctrl_c.check()
