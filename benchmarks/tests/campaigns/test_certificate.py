@@ -61,8 +61,8 @@ def test_the_chance_is_compared_with_what_was_true_in_bins(script):
     rows = [row(script, better=better) for better in (True, True, False, False)]
     rows += [row(script, chance=0.0)]
     text = "\n".join(script.tables(rows))
-    assert "| 40% to 60% | 4 | 50% | 50% |" in text
-    assert "| 0% to 20% | 1 | 6% | 0% |" in text
+    assert "| 40% to 60% | 4 | 55% | 50% |" in text
+    assert "| 0% to 20% | 1 | 3% | 0% |" in text
 
 
 def test_a_study_ends_with_its_first_answer_after_which_it_is_enough(script):
