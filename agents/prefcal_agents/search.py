@@ -192,7 +192,7 @@ def step_length(history: History, n_init: int) -> float:
     """Return the standard deviation of the next step, in the unit cube, above 0 and at most 0.5.
 
     Steps grow where one succeeded, since a longer one may do better still, and shrink where one
-    failed. "About the same" says nothing of the length.
+    failed. "About the same" says nothing of the length. Answers to follow-up questions count, too.
 
     Source: I. Rechenberg, "Evolutionsstrategie" (1973): the rule that one step in five succeeds.
 

@@ -8,7 +8,7 @@ Simulated people of six families with just noticeable differences answer ten que
 thousand simulated θ. Studies that are in the file do not run again.
 
 answer    The answer named as decisive is turned round, the whole record is learned again, and the
-          result is compared with what was foretold.
+          result is compared with the prediction.
 stakes    Before each of the last five questions: the chance that its answer changes the result, and
           whether it did.
 menu      Whether a candidate on it is not noticeably worse than the best one, the one than which the
@@ -134,14 +134,14 @@ class ToldStudy:
         agent.tell(query, Answer(verdict, outcomes=(new.kpis, None if old is None else old.kpis)))
 
     def _answer(self, said: Findings) -> Row | None:
-        """Return what was foretold of the decisive answer, and what comes of learning again."""
+        """Return what was predicted of the decisive answer, and what comes of learning again."""
         best, history = self.agent.best_index, self.agent.history
         named = None if best is None else decisive(said.influences, best)
         if named is None:
             return None
         agent = self.agent.copy()
         agent.history = turned(history, named.answer)
-        return {"foretold": named.reversed, "found": agent.best_index, "now": best, "sure": named.sure}
+        return {"predicted": named.reversed, "found": agent.best_index, "now": best, "sure": named.sure}
 
     def _menu(self, said: Findings, runs: Runs, best: int) -> Row:
         """Return of result and menu which are no worse than the best, and the shares better."""
@@ -186,7 +186,7 @@ def tables(rows: Sequence[Row]) -> Iterator[str]:
         heads = ["family", "studies", "offered", "no worse", "knobs that differ", "put back"]
         yield from markdown(heads, [[f, *_changes(some)] for f, some in {**groups, "all": rows}.items()])
         return
-    heads = "studies", "named", "as foretold", "result", "menu", "result 1 %", "menu 1 %"
+    heads = "studies", "named", "as predicted", "result", "menu", "result 1 %", "menu 1 %"
     yield from markdown(
         ["family", *heads], [[family, *_figures(some)] for family, some in {**groups, "all": rows}.items()]
     )
@@ -199,7 +199,7 @@ def _figures(rows: Sequence[Row]) -> Iterator[str]:
     named = [row["answer"] for row in rows if row["answer"] is not None]
     yield str(len(rows))
     yield _share([row["answer"] is not None for row in rows])
-    yield _share([each["foretold"] == each["found"] for each in named])
+    yield _share([each["predicted"] == each["found"] for each in named])
     yield _share([row["good"][0] for row in rows])
     yield _share([any(row["good"]) for row in rows])
     yield _share([row["better"][0] < _FEW for row in rows])

@@ -36,7 +36,7 @@ def screening(
     return begin(scenario, n_max=n_max, path=path, agent=agent)
 
 
-def let_say(monkeypatch: Any, part: str = "_first", **fields: Any) -> list[object]:
+def let_say(monkeypatch: Any, part: str = "_explain_query", **fields: Any) -> list[object]:
     """Let a part of all findings say this; return the agents that were asked so far.
 
     The first part says it only where it has something of that kind to say.
@@ -46,7 +46,7 @@ def let_say(monkeypatch: Any, part: str = "_first", **fields: Any) -> list[objec
     def said(agent: Screening, known: findings.Findings) -> findings.Findings:
         asked.append(agent)
         found = worked_out(agent, known)
-        every = part != "_first"
+        every = part != "_explain_query"
         return replace(found, **{k: v for k, v in fields.items() if every or getattr(found, k) is not None})
 
     monkeypatch.setattr(findings, part, said)

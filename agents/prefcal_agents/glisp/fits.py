@@ -171,7 +171,7 @@ _STREAM = 3  # stream of random numbers
 _MOST = 100  # number of answers after which ten are learned from at once, so that a long study opens soon
 
 _STEPS = 20  # number of steps from the best so far to choose from: more would trust the processes too much
-_SHORTEST = 0.003  # shortest standard deviation of a step, in units of the cube: most knobs have 250 values
+_SHORTEST = 0.003  # shortest standard deviation of a step, in units of the cube: knobs have up to 250 values
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -307,8 +307,8 @@ def most_promising(
     multiple outcomes" (2022): a process for each KPI, draws of what the person wants.
     Deviation: draws follow `Utilities`, and the choice is that of `Screening`. The θ to choose from
     are a few steps from the best one, whose length is that of an evolution strategy: processes
-    through a few dozen experiments foretell friction, delays and stages badly, and the best of
-    hundreds of θ is the one about which they are most wrong (docs/research/kpis.md).
+    through a few dozen experiments predict the effect of friction, delays and stages badly, so that
+    the best of hundreds of θ is the one about which they are most wrong (docs/research/kpis.md).
 
     Args:
         setup: Knobs to tune, and how many experiments the start has.

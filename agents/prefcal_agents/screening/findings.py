@@ -188,7 +188,9 @@ def findings(agent: Screening, known: Findings | None = None, *, over: bool | No
         over: Whether the study is over, as it is if a person ends it; by default, if the agent is done.
     """
     over = agent.done if over is None else over
-    parts = (_first, _carried, _smaller) if over and agent.setup.start else (_first, _carried)
+    parts = [_explain_query, _explain_result]
+    if over and agent.setup.start:
+        parts.append(_find_smaller_change)
     given = 0 if known is None or known.over is not over else known.parts
     if known is not None and given == len(parts):
         return known
@@ -204,7 +206,7 @@ def simulated_for(agent: Screening, found: Findings) -> Bank:
     return agent.growth.extended(agent.bank, agent.space.encode_all(thetas), thetas)
 
 
-def _first(agent: Screening, empty: Findings) -> Findings:
+def _explain_query(agent: Screening, empty: Findings) -> Findings:
     """Return why the challenger is shown, and what better ones can be expected."""
     history, stage = agent.history, agent.stage(agent.history)
     # Who ended the study is asked nothing any more, and nothing is simulated for that.
@@ -240,7 +242,7 @@ def _reason(agent: Screening, stage: Stage) -> Reason | None:
     return replace(found, kept=int(agent.simulations.runs_kept(stage.bank.thetas[[new]])[0]))
 
 
-def _carried(agent: Screening, known: Findings) -> Findings:
+def _explain_result(agent: Screening, known: Findings) -> Findings:
     """Add what the answer to the open query can change or, at the end, what carries the result."""
     past = agent.history.until(agent.history.answered)
     if not known.over:
@@ -293,7 +295,7 @@ def _share(ours: float, theirs: float) -> float | None:
     return None if not theirs or isinf(ours) else (ours - theirs) / abs(theirs)
 
 
-def _smaller(agent: Screening, known: Findings) -> Findings:
+def _find_smaller_change(agent: Screening, known: Findings) -> Findings:
     """Add the smallest change that is as good as the result."""
     past = agent.history.until(agent.history.answered)
     stage = agent.stage(agent.history)

@@ -212,7 +212,7 @@ def _margins(rows: Sequence[Sequence[str]], basis: str) -> str:
     if not rows:
         return f"{_UNKNOWN}: {basis}"
     words = (f"{name} {after}{f' (before {old[0]})' if old else ''}" for name, after, *old in rows)
-    return f"{', '.join(words)}: {basis}."
+    return _sentences([f"{', '.join(words)}: {basis}"])
 
 
 def _short(text: str, rest: str) -> str:

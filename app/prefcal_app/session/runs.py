@@ -69,7 +69,7 @@ class Choose:
     def run(self) -> Screened | Abandoned | None:
         """Return what the query was chosen from, if the agent simulates."""
         try:
-            return _screened(self.twin, self.simulates)
+            return _let_choose(self.twin, self.simulates)
         except Abandoned as given_up:
             return given_up
 
@@ -103,7 +103,7 @@ class LookAhead:
         with suppress(Exception):
             twin.tell(self.query, self.answer)
             told = twin.history
-            return told, _screened(twin, self.simulates), None if twin.done else twin.ask().challenger.theta
+            return told, _let_choose(twin, self.simulates), None if twin.done else twin.ask().challenger.theta
         return None
 
     def finish(self, flow: Flow, found: tuple[History, Screened | None, Theta | None] | None) -> None:
@@ -173,7 +173,7 @@ class Say:
                 flow.append(Concluded(said.to_dict()))
 
 
-def _screened(twin: Agent, simulates: bool) -> Screened | None:
+def _let_choose(twin: Agent, simulates: bool) -> Screened | None:
     """Let `twin` choose its next query; return what it was chosen from, if it simulates.
 
     A question can be answered without its reason, so no error of that is raised; one of the

@@ -9,6 +9,7 @@ from prefcal_agents.screening.bank import ENOUGH
 from prefcal_agents.screening.findings import Alternative, Findings, Reason, RobustResult
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_scenarios.scenario import Scenario
+from prefcal_scenarios.verification.result import breakable
 
 # --- Say in one sentence why an experiment is shown, what the answer can change, and what was wanted.
 
@@ -145,7 +146,7 @@ def _held(kept: int, which: str, scenario: Scenario) -> str:
 
     Where none is stated, it says what was asked instead, as `prefcal verify` does.
     """
-    limited = any(kpi.met(0.0) is not None for kpi in scenario.kpis if not kpi.margin)
+    limited = breakable(scenario.kpis)
     if kept >= ENOUGH and limited:
         return f"{which} keeps the limits in all {ENOUGH} perturbed runs."
     if kept >= ENOUGH:

@@ -24,7 +24,7 @@ def row(taste, found, good, better, wanted=()):
         "taste": taste,
         "seed": 0,
         "stakes": [(0.1, False), (0.12, True)],
-        "answer": {"foretold": 3, "found": found, "now": 4, "sure": True},
+        "answer": {"predicted": 3, "found": found, "now": 4, "sure": True},
         "good": good,
         "better": better,
         "wanted": list(wanted),

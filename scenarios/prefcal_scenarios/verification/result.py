@@ -1,7 +1,7 @@
 """What came of a verification: frozen data, what follows from it, and what is kept of it."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -118,7 +118,7 @@ class Verification:
     @property
     def asked(self) -> str:
         """Return what each run is asked to do, after "runs"."""
-        if any(kpi.met(0.0) is not None for kpi in self.kpis if not kpi.margin):
+        if breakable(self.kpis):
             return "keep the stated limits"
         nominal = self.tuning.nominal.kpis
         finite = [k.title for k in self.kpis if k.goal and np.isfinite(nominal.get(k.name, np.inf))]
@@ -148,7 +148,7 @@ class Verification:
     @property
     def limits(self) -> str:
         """Return what a run is judged by, in a sentence, and limits that are usual if none is stated."""
-        aims = [kpi.title for kpi in self.kpis if kpi.met(0.0) is not None and not kpi.margin]
+        aims = [kpi.title for kpi in breakable(self.kpis)]
         stated = f"Stated limits: a safe end, the objectives of {', '.join(aims)}, and nothing"
         if not aims:
             stated = "No limit that a run can break is stated. What counts: a safe end, and nothing"
@@ -199,7 +199,7 @@ class Verification:
         """Return what to do if some run fails: which limit, if relaxed, lets how many more runs hold."""
         found, count = list[str](), len(self.runs)
         for kpi in self.kpis:
-            only = [run.kpis[kpi.name] for run in self.failed if run.problems == (_missed(kpi),)]
+            only = [run.kpis[kpi.name] for run in self.failed if run.problems == (_miss_words(kpi),)]
             only = [value for value in only if np.isfinite(value)]  # never is never enough
             if only and kpi.goal != "target":
                 limit = kpi.read(min(only) if np.isfinite(kpi.at_least) else max(only))
@@ -256,6 +256,11 @@ class Verification:
         return max(found)
 
 
+def breakable(kpis: Iterable[KPI]) -> list[KPI]:
+    """Return the KPIs with a limit that a run can break: a margin is what is left for runs that differ."""
+    return [kpi for kpi in kpis if kpi.met(0.0) is not None and not kpi.margin]
+
+
 def problems_of(kpis: Sequence[KPI], result: HasKPIs, nominal: HasKPIs | None) -> tuple[str, ...]:
     """Return which stated limits a run does not keep, in words.
 
@@ -270,13 +275,13 @@ def problems_of(kpis: Sequence[KPI], result: HasKPIs, nominal: HasKPIs | None) -
         value = result.kpis.get(kpi.name)
         reached = nominal is not None and np.isfinite(nominal.kpis.get(kpi.name, np.inf))
         if value is not None and kpi.met(float(value)) is False:
-            found.append(_missed(kpi))
+            found.append(_miss_words(kpi))
         elif value is not None and reached and kpi.goal is not None and np.isinf(value):
             found.append(f"{kpi.title} is infinite")
     return tuple(found)
 
 
-def _missed(kpi: KPI) -> str:
+def _miss_words(kpi: KPI) -> str:
     return f"{kpi.title} misses its objective"
 
 
@@ -452,8 +457,8 @@ def _next(found: Verification, scenario: Scenario) -> tuple[str, ...]:
     theta = zip(scenario.space, found.tuning.theta.tolist(), strict=True)
     start = ", ".join(f"{knob.name}={knob_number(knob, value)}" for knob, value in theta)
     robust = (
-        f'look for one that holds on other plants: the command of the study with --robust --start "{start}", '
-        "and with --taste and the study's name, which keeps your answers"
+        "look for one that holds on other plants: if the study was not robust, repeat its command with "
+        f'--robust --start "{start}"; with --taste and the name of a saved study, your answers count there'
     )
     return (*((robust,) if scenario.simulated else ()), *found.advice)
 

@@ -12,6 +12,7 @@ from prefcal_agents.screening import findings
 from prefcal_app.session import Choice, Phase
 from prefcal_app.view import now_view
 from support import unseen as unseen_module
+from support.closing import AnsweringPage
 from support.screened import let_say
 
 UNSEEN = f"{unseen_module.__file__}:unseen"
@@ -49,24 +50,10 @@ def test_a_report_that_is_written_again_says_what_was_said_at_the_end(prefcal, t
     assert again == out
 
 
-class Page:
+class Page(AnsweringPage):
     """In place of the window: a person who answers, sees the report, and closes the page."""
 
-    warning = link_for_others = ""
-    link, verifying, reports = "http://127.0.0.1/", False, None
     first, last = threading.Event(), None
-
-    def __init__(self, interview, **_):
-        self.interview, self.closed, self.turn = interview, self, 0
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        return None
-
-    def away(self):
-        return None
 
     def wait(self, timeout):
         self.turn += 1
@@ -81,17 +68,10 @@ class Page:
             Page.late = answers()
         return self.turn == {"at once": 3, "later": 5}[self.last]
 
-    def answer(self):
-        while (now := self.interview.now()).phase is not Phase.OVER:
-            if now.question is None:
-                self.interview.wait(now.version, 60.0)
-            else:
-                self.interview.steps.answer(now.question.id, Choice.LEFT)
-
 
 @pytest.mark.parametrize("last", ["at once", "later"])
 def test_what_takes_longer_than_people_wait_is_added_to_the_report(prefcal, monkeypatch, last):
-    carried = findings._carried
+    carried = findings._explain_result
     monkeypatch.setattr(Page, "first", threading.Event())
     monkeypatch.setattr(Page, "last", last)
     monkeypatch.setattr("prefcal_app.cli.calibrate._KNOWN", 0.1)
@@ -102,7 +82,7 @@ def test_what_takes_longer_than_people_wait_is_added_to_the_report(prefcal, monk
         return carried(agent, known)
 
     monkeypatch.setattr("prefcal_app.web.Window", Page)
-    monkeypatch.setattr(findings, "_carried", slowly)
+    monkeypatch.setattr(findings, "_explain_result", slowly)
     code, out, err = prefcal(*STUDY, "--no-browser")
     assert code == 0, err
     (_, early), best = Page.early

@@ -5,7 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from prefcal_app.session import Choice, Phase
+from prefcal_app.session import Phase
+from support.closing import AnsweringPage
 
 SCREENED = (
     "calibrate",
@@ -24,43 +25,16 @@ WANTED = 20
 """Number of a simulated θ that nobody was shown."""
 
 
-class Page:
+class Page(AnsweringPage):
     """In place of the window: it answers, and then chooses while the command looks away."""
 
-    warning = link_for_others = ""
-    link, verifying, reports = "http://127.0.0.1/", False, None
     chosen = None
-
-    def __init__(self, interview, **_):
-        self.interview, self.closed, self.turn = interview, self, 0
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        return None
-
-    def away(self):
-        return None
 
     def wait(self, timeout):
         self.turn += 1
         steps = {1: self.answer, 3: self.choose}
         steps.get(self.turn, lambda: None)()
         return self.turn == self.last
-
-    def until(self, ready):
-        now = self.interview.now()
-        while not ready(now):
-            now = self.interview.wait(now.version, 60.0)
-        return now
-
-    def answer(self):
-        def ready(now):
-            return now.question is not None or now.phase is Phase.OVER
-
-        while (now := self.until(ready)).phase is not Phase.OVER:
-            self.interview.steps.answer(now.question.id, Choice.LEFT)
 
     def choose(self):
         assert self.interview.known.wait_for_findings(60.0)

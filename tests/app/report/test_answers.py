@@ -76,7 +76,7 @@ def test_margins_stand_beside_those_before_and_an_error_of_own_code_is_said(monk
     trial = SimpleNamespace(experiment=loop.run(theta))
     record = SimpleNamespace(scenario=loop, best=trial, before=trial)
     said = dict(unverified(record))["Margins"]
-    assert re.match(r"gain margin \[dB\] [\d.]+ \(before [\d.]+\), phase margin", said)
+    assert re.match(r"Gain margin \[dB\] [\d.]+ \(before [\d.]+\), phase margin", said)
     assert "linearized at the operating point" in said
 
     def fails(*_):
@@ -96,7 +96,7 @@ def test_a_damaged_verification_is_none_and_the_sheet_says_so(tmp_path, content)
 def test_what_was_verified_is_said_with_what_was_not():
     found = dict(verified_answers(FOUND))
     assert found["Margins"] == (
-        "Margins of the nominal loop: sensitivity peak M_s 1.7, required ≤ 2: kept. gain margin [dB] 12 "
+        "Margins of the nominal loop: sensitivity peak M_s 1.7, required ≤ 2: kept. Gain margin [dB] 12 "
         "(before 8), phase margin [°] 60 (before 44): the unconstrained law."
     )
     assert found["Other plants"] == "298 of 299 runs keep the stated limits. Stated limits: a safe end."

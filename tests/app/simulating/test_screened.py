@@ -112,7 +112,7 @@ def test_an_error_leaves_the_question_and_is_not_tried_forever(monkeypatch):
     def broken(agent, known):
         raise ValueError("singular")
 
-    monkeypatch.setattr(findings, "_first", broken)
+    monkeypatch.setattr(findings, "_explain_query", broken)
     interview = screening()
     now = proceed(interview)
     assert now.phase is Phase.QUESTION
@@ -285,7 +285,7 @@ def test_an_error_in_what_is_said_of_a_result_leaves_the_rest(monkeypatch):
     def broken(agent, known):
         raise ValueError("singular")
 
-    monkeypatch.setattr(findings, "_carried", broken)
+    monkeypatch.setattr(findings, "_explain_result", broken)
     interview = explained(screening(n_max=3))
     while interview.now().phase is not Phase.OVER:
         answered(interview, Choice.LEFT)

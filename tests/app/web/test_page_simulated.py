@@ -179,7 +179,7 @@ def test_the_end_leads_to_the_answer_that_matters_and_to_other_candidates(browse
         menu = tuple(map(Alternative, thetas, (("t_f",), ("final",))))
         return replace(known, influences=(decisive,), best=0, menu=menu, smaller=smaller)
 
-    monkeypatch.setattr(findings, "_carried", told)
+    monkeypatch.setattr(findings, "_explain_result", told)
     watched = Watched(browser)
     watched.open(screen(n_max=3).link)
     page = watched.page
@@ -221,7 +221,7 @@ def menu(browser, screen, monkeypatch):
         thetas = map(tuple, bank.thetas[[first, last]].tolist())
         return replace(known, menu=tuple(map(Alternative, thetas, (("t_f",), ("final",)))))
 
-    monkeypatch.setattr(findings, "_carried", told)
+    monkeypatch.setattr(findings, "_explain_result", told)
     served = screen(n_max=3)
 
     def ended(**options):
