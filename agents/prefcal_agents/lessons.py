@@ -2,6 +2,7 @@
 
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Generic, TypeVar, final
 
@@ -282,9 +283,9 @@ def normalized(values: Float[np.ndarray, " N"], ceiling: float) -> Float[np.ndar
 
 # --- Work out what is known after a record, answer by answer, and remember it.
 
-_REMEMBERED = 40  # number of stages in memory, up to about a megabyte each
-_SELDOM = 10  # number of answers of a long step
 _LATEST = 16  # number of results in memory: those of the likely answers to a question and of an undo
+_STAGES = 40  # number of stages in memory, up to about a megabyte each
+_SELDOM = 10  # number of answers of a long step
 
 Known = TypeVar("Known")
 
@@ -293,35 +294,34 @@ Known = TypeVar("Known")
 class Remembered(Generic[Known]):
     """A function of a record that remembers what it returned for the latest ones.
 
-    Records are compared, not hashed: those of a study share their parts, so that takes no time.
+    Nothing of it has to be saved, and copies of an agent share it: memory only saves time.
 
     Args:
-        function: Function of a record that returns something else than None.
+        function: Function of a record.
+        most: Number of results in memory.
     """
 
-    def __init__(self, function: Callable[[History], Known]) -> None:
-        self._function = function
-        self._latest: tuple[tuple[History, Known], ...] = ()  # frozen, since threads share it
+    def __init__(self, function: Callable[[History], Known], most: int = _LATEST) -> None:
+        self._function, self._most = function, most
+        self._known: OrderedDict[bytes, Known] = OrderedDict()
 
     def __call__(self, history: History) -> Known:
         """Return what the function returns for `history`."""
-        known = self.get(history)
-        if known is None:
-            known = self._function(history)
-            self._latest = ((history, known), *self._latest[: _LATEST - 1])
+        with suppress(KeyError):  # another thread may drop it at any time
+            return self._known[history.key]
+        known = self._known[history.key] = self._function(history)
+        while len(self._known) > self._most:
+            self._known.popitem(last=False)
         return known
 
-    def get(self, history: History) -> Known | None:
-        """Return it if it is remembered; None otherwise."""
-        return next((known for past, known in self._latest if past == history), None)
+    def __contains__(self, history: History) -> bool:
+        """Return whether what is known of `history` is in memory, so that it takes no time."""
+        return history.key in self._known
 
 
 @final
 class Stages(Generic[Known]):
     """What is known after each answer, which follows from what was known one answer earlier.
-
-    It is a function of the record, so nothing has to be saved, and copies of an agent share it:
-    memory only saves time.
 
     Args:
         first: Function that returns what is known before the first answer.
@@ -341,49 +341,33 @@ class Stages(Generic[Known]):
         whole: bool = False,
     ) -> None:
         self._first, self._following, self._most, self._whole = first, following, most, whole
-        self._known: OrderedDict[History, Known] = OrderedDict()
+        self._known = Remembered(self._work_out, _STAGES)
 
-    def after(self, history: History) -> Known:
+    def __call__(self, history: History) -> Known:
         """Return what is known after `history`."""
-        past = history.until(history.answered).bare()
-        before, known = self._latest(past)
-        for count in self._steps(before.answered + 1, past.answered):
-            here = past.until(count)
-            alone = here if self._whole else replace(here, follow_ups=before.follow_ups)
-            known = self._kept(alone, before, known)
-            if here != alone:
-                known = self._kept(here, alone, known)
-            before = here
-        return known
+        steps = [history.until(history.answered)]
+        # From the latest one in memory on: a step that asks for the one before would nest too deeply.
+        while steps[-1] not in self._known and (before := self._before(steps[-1])) is not None:
+            steps.append(before)
+        for here in reversed(steps[1:]):
+            self._known(here)
+        return self._known(steps[0])
 
-    def knows(self, history: History) -> bool:
+    def __contains__(self, history: History) -> bool:
         """Return whether what is known after `history` is in memory."""
-        return history.until(history.answered).bare() in self._known
+        return history.until(history.answered) in self._known
 
-    def _steps(self, start: int, end: int) -> list[int]:
-        """Return the numbers of answers from `start` to `end` at which a step ends."""
-        most = end if self._most is None else self._most
-        return [k for k in range(start, end + 1) if k <= most or k % _SELDOM == 0 or k == end]
+    def _work_out(self, past: History) -> Known:
+        before = self._before(past)
+        return self._first() if before is None else self._following(past, before, self._known(before))
 
-    def _latest(self, past: History) -> tuple[History, Known]:
-        """Return the latest part of `past` that is in memory, and what is known after it.
-
-        Earlier ones may be forgotten: to work them out again would take time for each answer.
-        """
-        for count in reversed(self._steps(1, past.answered)):
-            here = past.until(count)
-            known = self._known.get(here)
-            if known is not None:
-                return here, known
-        known = self._known.get(History())
-        return History(), self._remembered(History(), self._first() if known is None else known)
-
-    def _kept(self, past: History, before: History, known: Known) -> Known:
-        found = self._known.get(past)  # another thread may drop it at any time
-        return found if found is not None else self._remembered(past, self._following(past, before, known))
-
-    def _remembered(self, past: History, known: Known) -> Known:
-        self._known[past] = known
-        while len(self._known) > _REMEMBERED:
-            self._known.popitem(last=False)
-        return known
+    def _before(self, past: History) -> History | None:
+        """Return the record one step before `past`; None if nothing is answered."""
+        if not past.answered:
+            return None
+        count = past.answered - 1
+        while self._most is not None and count > self._most and count % _SELDOM:
+            count -= 1
+        before = past.until(count)
+        alone = replace(past, follow_ups=before.follow_ups)
+        return before if self._whole or alone == past else alone

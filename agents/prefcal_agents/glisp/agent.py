@@ -473,7 +473,7 @@ class GLISp(Agent):
     @property
     def foresees(self) -> bool:
         """Return whether `foresight` takes milliseconds only: nothing has to be learned for it."""
-        proposed = self.history.pending is not None or self._next.get(self.history) is not None
+        proposed = self.history.pending is not None or self.history in self._next
         return proposed and self._models.knows(self.history.until(self.history.answered))
 
     def surrogate(self, thetas: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:

@@ -533,7 +533,7 @@ class ModelSelection:
         if self._kpi_fits is None or not any(kpis_of(history)):
             return None
         history = judged(history)
-        fit = self._kpi_fits.after(history)
+        fit = self._kpi_fits(history)
         if not fit.teaches or not history.lessons():
             return None
         then = history.until(history.answered - history.answered % _TESTED)
@@ -541,14 +541,14 @@ class ModelSelection:
 
     def knows(self, history: History) -> bool:
         """Return whether what KPIs teach after `history` is remembered, so that it takes no time."""
-        return self._kpi_fits is None or self._kpi_fits.knows(judged(history))
+        return self._kpi_fits is None or judged(history) in self._kpi_fits
 
     def _explains(self, history: History) -> bool:
         """Return whether KPIs explain the answers of `history`."""
-        return self._kpi_fits is None or self._kpi_fits.after(history).explains(history)
+        return self._kpi_fits is None or self._kpi_fits(history).explains(history)
 
     def _selection(self, history: History) -> Selection:
-        stage = self._stages.after(history)
+        stage = self._stages(history)
         if stage.tested is None:
             return Selection(stage.shape, None, is_noisy=False)
         noise = NoiseTest(stage.tested, float(np.mean([test() for test in stage.tests])))

@@ -10,8 +10,8 @@ from typing import Any, Protocol, Self, TypeVar
 import numpy as np
 from jaxtyping import Float, Int
 
-from prefcal_agents.agent import Agent, Settings, Start
-from prefcal_agents.lessons import Stages
+from prefcal_agents.agent import Agent, Settings, Start, one_thread
+from prefcal_agents.lessons import Remembered, Stages
 from prefcal_agents.people import (
     DRAWS,
     Bank,
@@ -376,22 +376,13 @@ class Growth:
         wide = sum(count for count, _ in self._plan)
         self._design = latin_hypercube(space, wide, seed) if given is None else space.encode_all(given)
         self._stages = Stages(self._first, self._following)
-        self._pooled: tuple[History, Pool] | None = None  # the latest one: it is large
+        self.pool = Remembered(self._pool, 1)  # the latest one: it is large
+        """Draws of the study after a record, which say what other answers would teach."""
 
     def stage(self, history: History) -> Stage:
         """Return what is known after `history`, simulating what was not simulated yet."""
-        return self._stages.after(history)
-
-    def pool(self, history: History) -> Pool:
-        """Return the draws of the study so far, which say what other answers would teach.
-
-        Raises:
-            KeyError: If a sample is not in the bank.
-        """
-        known = self._pooled
-        if known is None or known[0] != history:
-            known = self._pooled = (history, self._pool(history))
-        return known[1]
+        with one_thread():
+            return self._stages(history)
 
     def _pool(self, history: History) -> Pool:
         stage, last = self.stage(history), history.answered
