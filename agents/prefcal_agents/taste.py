@@ -159,7 +159,7 @@ class Taste:
         """
         levels, one = self.utilities.levels(self._logs([a, b])), np.array([0, 1, 0])
         tie = np.array([False, False, True])
-        logs = self.utilities.log_answers(levels, one, 1 - one, tie)
+        logs = self.utilities.log_answers(self.utilities.differences(levels, one, 1 - one), tie)
         better, worse, same = (np.exp(logs).mean(axis=0)).tolist()
         return Chances(better, same, worse)
 
