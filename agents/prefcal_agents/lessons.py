@@ -1,7 +1,7 @@
 """What a record teaches: training data as arrays, and what is worked out answer by answer."""
 
 from collections import OrderedDict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Generic, TypeVar, final
@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from prefcal_env.preferences.answer import Answer, Mark, Outcome
-from prefcal_env.preferences.history import Comparison, History
+from prefcal_env.preferences.history import Comparison, History, KPIValues
 
 _GOOD = (Mark.CHALLENGER_GOOD_ENOUGH, Mark.INCUMBENT_GOOD_ENOUGH)
 
@@ -102,36 +102,21 @@ def scores_of(history: History) -> tuple[Int[np.ndarray, " K"], Float[np.ndarray
     return np.array([*scores], dtype=np.int64), np.array([*scores.values()], dtype=float)
 
 
-def kpis_of(history: History) -> tuple[Mapping[str, float], ...]:
-    """Return the KPIs of each sample that is answered, lower is better; empty if none are known.
-
-    KPIs that came with a retracted answer count too, since the experiment is still valid.
-    """
-    known: dict[int, Mapping[str, float]] = {}
-    for c in history.comparisons:
-        for index, outcome in zip((c.challenger, c.incumbent), c.answer.outcomes or (), strict=False):
-            if index is not None and outcome is not None:
-                known[index] = known.get(index) or dict(outcome)
-    return tuple(known.get(index, {}) for index in range(history.answered))
-
-
-def filled_kpis(history: History) -> dict[str, Float[np.ndarray, " N"]]:
-    """Return each KPI of all samples that are answered, shape (N,), by name.
+def filled_kpis(history: History) -> KPIValues:
+    """Return each KPI of all samples that are answered.
 
     A missing one is that of the nearest θ that has it. KPIs with fewer than three values are left
     out, since nothing can be learned from them.
     """
-    z, known = cube_of(history), kpis_of(history)
-    found = {}
-    for name in sorted({name for kpis in known for name in kpis}):
-        values = np.array([kpis.get(name, np.nan) for kpis in known], dtype=float)
+    z, (names, known) = cube_of(history), history.kpis
+    often = np.count_nonzero(~np.isnan(known), axis=0) >= _FEWEST
+    filled = np.compress(often, known, axis=1)
+    for values in filled.T:
         missing = np.isnan(values)
         there = np.flatnonzero(~missing)
-        if len(there) >= _FEWEST:
-            apart = np.sum((z[missing][:, None] - z[there]) ** 2, axis=2)
-            values[missing] = values[there[np.argmin(apart, axis=1)]]
-            found[name] = values
-    return found
+        apart = np.sum((z[missing][:, None] - z[there]) ** 2, axis=2)
+        values[missing] = values[there[np.argmin(apart, axis=1)]]
+    return KPIValues(tuple(name for name, is_kept in zip(names, often, strict=True) if is_kept), filled)
 
 
 _FEWEST = 3  # smallest number of experiments with a KPI to learn from it
@@ -198,13 +183,14 @@ def _part(history: History, lessons: Sequence[Comparison], kept: Int[np.ndarray,
     """Return a history of the samples `kept` and of `lessons`; other samples only teach KPIs."""
     number = {int(index): k for k, index in enumerate(kept)}
     own = {c.challenger: c for c in lessons if c.after is None}
-    kpis, comparisons, follow_ups = kpis_of(history), [], []
+    kpis, comparisons, follow_ups = history.kpis, [], []
     for index, k in number.items():
         if index in own:
             comparisons.append(_renumbered(own[index], number))
         else:
-            known = (kpis[index], None) if kpis[index] else None
-            comparisons.append(Comparison(k, None, Answer(None, outcomes=known)))
+            known = kpis.outcome(index)
+            given = Answer(None, outcomes=None if known is None else (known, None))
+            comparisons.append(Comparison(k, None, given))
     for c in lessons:
         if c.after is not None:
             after = int(np.searchsorted(kept, c.after))
@@ -229,12 +215,15 @@ def judged(history: History) -> History:
     cut = history.cut_short()
     if not cut:
         return history
-    z, known = cube_of(history), kpis_of(history)
-    partial = cut | history.unsafe()
+    z, (names, kpis), partial = cube_of(history), history.kpis, cut | history.unsafe()
     # Interrupted runs have infinite KPIs. So have those that never settle, which look the same.
-    finite = [bool(kpis) and np.isfinite(list(kpis.values())).all() for kpis in known]
-    whole = [i for i, each in enumerate(finite) if each and i not in partial]
-    filled = {i: _filled(z, known, [w for w in whole if w < i], i) for i in sorted(cut)}
+    finite = ~np.isnan(kpis).all(axis=1) & ~np.isinf(kpis).any(axis=1)
+    whole = [i for i in np.flatnonzero(finite).tolist() if i not in partial]
+    filled = dict[int, Outcome]()
+    for i in sorted(cut):
+        apart = np.sum((z[[w for w in whole if w < i]] - z[i]) ** 2, axis=1)
+        near = kpis[whole[int(np.argmin(apart))]] if len(apart) else kpis[i]
+        filled[i] = Outcome(dict(zip(names, np.fmax(kpis[i], near).tolist(), strict=True)))
 
     def taught(c: Comparison) -> Comparison:
         if c.challenger not in cut and c.incumbent not in cut:
@@ -249,20 +238,6 @@ def judged(history: History) -> History:
         history,
         comparisons=tuple(taught(c) for c in history.comparisons),
         follow_ups=tuple(taught(c) for c in history.follow_ups),
-    )
-
-
-def _filled(
-    z: Float[np.ndarray, "N n"], known: tuple[Mapping[str, float], ...], whole: list[int], index: int
-) -> Outcome:
-    """Return the KPIs of sample `index`, whose run was cut short, as those of a whole run."""
-    bounds = known[index]
-    if not whole:
-        return Outcome(bounds)
-    apart = np.sum((z[whole] - z[index]) ** 2, axis=1)
-    near = known[whole[int(np.argmin(apart))]]
-    return Outcome(
-        {name: max(bounds.get(name, -np.inf), near.get(name, -np.inf)) for name in {*bounds, *near}}
     )
 
 

@@ -10,9 +10,9 @@ from jaxtyping import Bool, Float, Int
 from scipy.special import expit, logsumexp, ndtr, softmax
 
 from prefcal_env.preferences.answer import Preference, Reading
-from prefcal_env.preferences.history import History
+from prefcal_env.preferences.history import History, KPIValues
 
-from .lessons import Preferences, kpis_of
+from .lessons import Preferences
 from .surrogate import matern, predicted, squares
 
 
@@ -42,12 +42,7 @@ class Bank:
         return len(self.z)
 
     @classmethod
-    def of(
-        cls,
-        z: Float[np.ndarray, "m n"],
-        thetas: Float[np.ndarray, "m n"],
-        columns: Mapping[str, Float[np.ndarray, " m"]],
-    ) -> "Bank":
+    def of(cls, z: Float[np.ndarray, "m n"], thetas: Float[np.ndarray, "m n"], table: KPIValues) -> "Bank":
         """Return the bank of m simulated θ; a KPI that an experiment lacks is infinite.
 
         Of rows with the same θ, which rounding of knobs gives, only the first is kept.
@@ -55,15 +50,14 @@ class Bank:
         Args:
             z: Points of the unit cube, shape (m, n).
             thetas: θ, physical, shape (m, n).
-            columns: Values of each KPI by name, shape (m,), NaN where it is not known.
+            table: KPIs of the m experiments.
         """
         _, first = np.unique(thetas + 0.0, axis=0, return_index=True)  # -0.0 is 0.0
         first.sort()
-        table = {name: values[first] for name, values in sorted(columns.items())}
-        names = tuple(name for name, values in table.items() if not np.isnan(values).all())
-        kpis = np.empty((len(first), len(names)))
-        for column, name in enumerate(names):
-            kpis[:, column] = table[name]
+        kpis = table.values[first]
+        known = ~np.isnan(kpis).all(axis=0)
+        names = tuple(name for name, told in zip(table.names, known, strict=True) if told)
+        kpis = np.compress(known, kpis, axis=1)
         unknown = np.isnan(kpis)
         failed = np.asarray(unknown.all(axis=1))
         return cls(z[first], thetas[first], names, np.where(unknown, np.inf, kpis), failed)
@@ -86,12 +80,6 @@ class Bank:
         if not known.all():
             raise KeyError(tuple(thetas[int(known.argmin())]))
         return np.asarray(same.argmax(axis=1))
-
-
-def columns_of(outcomes: Sequence[Mapping[str, float]]) -> dict[str, Float[np.ndarray, " m"]]:
-    """Return the values of each KPI of m experiments, shape (m,), by name; NaN where one lacks it."""
-    names = {name for outcome in outcomes for name in outcome}
-    return {name: np.array([outcome.get(name, np.nan) for outcome in outcomes]) for name in names}
 
 
 # --- What a person may want from a closed loop: random orders of its KPIs, and random trade-offs.
@@ -645,36 +633,37 @@ class Measured:
 
     Args:
         rows: Rows of the bank whose θ have run, shape (r,).
-        outcomes: Their KPIs.
+        kpis: Their KPIs.
         reading: How people read them.
     """
 
     rows: Int[np.ndarray, " r"]
-    outcomes: tuple[Mapping[str, float], ...]
+    kpis: KPIValues
     reading: Reading
 
     @classmethod
     def of(cls, bank: Bank, history: History, reading: Reading) -> "Measured":
         """Return the KPIs that the answers of `history` tell; none if all read as simulated."""
-        cut = history.cut_short()  # their KPIs are bounds
-        told = {i: kpis for i, kpis in enumerate(kpis_of(history)) if kpis and i not in cut}
-        rows = bank.rows([history.samples[index].theta for index in told])
-        found = cls(rows, tuple(told.values()), reading)
+        names, values = history.kpis
+        known = ~np.isnan(values).all(axis=1)
+        known[[*history.cut_short()]] = False  # their KPIs are bounds
+        rows = bank.rows([history.samples[index].theta for index in np.flatnonzero(known)])
+        found = cls(rows, KPIValues(names, values[known]), reading)
         same = np.isclose(found.on(bank).kpis, bank.kpis, rtol=_SAME, atol=0.0)
-        return cls(np.array([], dtype=np.int64), (), reading) if same.all() else found
+        return cls(rows[:0], KPIValues((), np.zeros((0, 0))), reading) if same.all() else found
 
     def __len__(self) -> int:
         return len(self.rows)
 
     def on(self, bank: Bank) -> Bank:
         """Return the bank with what was measured in place of what was simulated."""
-        if not self.outcomes:
+        if not len(self):
             return bank
         kpis = bank.kpis.copy()
-        measured = columns_of(self.outcomes)
-        for column, name in enumerate(bank.names):
-            values = measured.get(name, np.full(len(self), np.nan))
-            kpis[self.rows, column] = np.where(np.isnan(values), kpis[self.rows, column], values)
+        for name, values in zip(self.kpis.names, self.kpis.values.T, strict=True):
+            if name in bank.names:
+                column = bank.names.index(name)
+                kpis[self.rows, column] = np.where(np.isnan(values), kpis[self.rows, column], values)
         kpis[self.rows] = self.reading.table(bank.names, kpis[self.rows])
         return replace(bank, kpis=kpis)
 

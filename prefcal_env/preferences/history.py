@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import accumulate
 from operator import or_
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -313,6 +314,32 @@ class Lead:
     after: int
 
 
+_UNKNOWN = Outcome({})
+
+
+class KPIValues(NamedTuple):
+    """KPIs of N samples, lower is better.
+
+    Args:
+        names: Names of the k KPIs.
+        values: Their values, NaN where one is not known, shape (N, k).
+    """
+
+    names: tuple[str, ...]
+    values: Float[np.ndarray, "N k"]
+
+    @classmethod
+    def of(cls, outcomes: Sequence[Outcome]) -> "KPIValues":
+        """Return the KPIs of N experiments as one table."""
+        names = tuple(sorted({name for outcome in outcomes for name in outcome}))
+        rows = [outcome.row(names) for outcome in outcomes]
+        return cls(names, np.array(rows, dtype=float).reshape(len(rows), len(names)))
+
+    def outcome(self, row: int) -> Outcome | None:
+        """Return the KPIs of one sample; None if none are known."""
+        return Outcome(dict(zip(self.names, self.values[row].tolist(), strict=True))) or None
+
+
 @dataclass(frozen=True)
 class History:
     """Samples in the order proposed, and the answers about them.
@@ -337,6 +364,19 @@ class History:
     def key(self) -> bytes:
         """Return a digest of all that agents go by: no circumstances, and no repeated questions."""
         return digest((self.samples, [c.key for c in self.counting], self.leads))
+
+    @cached_property
+    def kpis(self) -> KPIValues:
+        """Return the KPIs of each sample that is answered.
+
+        KPIs that came with a retracted answer count too, since the experiment is still valid.
+        """
+        told = dict[int, Any]()  # an answer makes outcomes of what it is given
+        for c in self.comparisons:
+            for index, kpis in zip((c.challenger, c.incumbent), c.answer.outcomes or (), strict=False):
+                if index is not None and kpis:
+                    told.setdefault(index, kpis)
+        return KPIValues.of([told.get(index, _UNKNOWN) for index in range(self.answered)])
 
     @property
     def answered(self) -> int:

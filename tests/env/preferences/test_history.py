@@ -126,6 +126,27 @@ def test_the_key_of_a_record_depends_on_all_that_agents_go_by():
     assert len({kept().key, *(other.key for other in others)}) == len(others) + 1
 
 
+def test_the_kpis_of_samples_are_one_table_with_what_was_told_first():
+    def answer(preference, new, old):
+        return Answer(preference, outcomes=(new, old))
+
+    history = History()
+    for told in (
+        answer(None, {}, None),
+        answer(1, {"b": np.inf, "a": 1.0}, {"a": 3.0}),
+        answer(1, None, {"a": 9.0}),
+        Answer(-1),
+    ):
+        history = history.with_pending(in_cube([history.answered / 50])).with_answer(told, 0)
+    history = history.with_pending(in_cube([0.5])).retracted(1)
+    assert history.kpis.names == ("a", "b")
+    told = [[3.0, np.nan], [1.0, np.inf], [np.nan, np.nan], [np.nan, np.nan]]
+    assert np.array_equal(history.kpis.values, told, equal_nan=True)
+    assert history.kpis.outcome(0) == {"a": 3.0}
+    assert history.kpis.outcome(2) is None
+    assert History().kpis.values.shape == (0, 0)
+
+
 @given(STEPS)
 def test_what_is_held_for_the_best_stands_until_the_next_answer(steps):
     *_, history = after(steps)
