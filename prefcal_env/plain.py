@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping
+from hashlib import blake2b
 from inspect import signature
 from typing import Any, TypeVar
 
@@ -42,6 +43,11 @@ def from_plain(data: Any, kind: type[T], error: type[PrefcalError], what: str) -
         return msgspec.convert(data, kind)
     except UNREADABLE as cause:
         raise error(f"{what} cannot be read: {cause}") from cause
+
+
+def digest(value: Any) -> bytes:
+    """Return a digest of `value`, to the last bit of each number; its parts are those of `to_plain`."""
+    return blake2b(msgspec.msgpack.encode(value, enc_hook=_plain), digest_size=16).digest()
 
 
 def canonical(content: Any) -> str:

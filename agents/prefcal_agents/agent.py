@@ -372,7 +372,7 @@ class Strategy:
         return self._turn_of(history, pair)
 
     def _turn_of(self, history: History, pair: Pair | None) -> Turn:
-        best = history.incumbent
+        best = self._learned(history).incumbent
         rival = None if best is None or self.by_value else _suggestion(history, best)
         waiting = range(history.answered, len(history.samples))
         queries = tuple(Query(_suggestion(history, index), rival) for index in waiting)
@@ -383,7 +383,7 @@ class Strategy:
         space, count = self.setup.space, len(history.samples)
         if count < len(self.setup.start):
             return Sample.of(space, np.array(self.setup.start[count]))
-        past = supposed(history)
+        past = supposed(self._learned(history))
         with one_thread():
             z, tried = self.propose(past), Tried(space, past)
             sample = Sample.of(space, space.snap(z))
@@ -394,11 +394,14 @@ class Strategy:
 
     def knows(self, history: History) -> bool:
         """Return whether it is remembered what is asked after `history`, so that it takes no time."""
-        turn = self._turn.get(history)
-        if turn is None or history.pending is not None:
+        if history.pending is not None or history not in self._turn:
             return history.pending is not None
-        ended = history.answered >= self._most(history)
-        return ended or turn.pair is not None or self._next.get(turn.history) is not None
+        turn, ended = self._turn(history), history.answered >= self._most(history)
+        return ended or turn.pair is not None or turn.history in self._next
+
+    def _learned(self, history: History) -> History:
+        """Return what is learned from: a study file also has what each score was compared with."""
+        return history.scores_alone() if self.by_value else history
 
     def leader(self, history: History) -> int | None:
         """Return the sample that is the best after `history`; None before any answer."""
@@ -607,11 +610,6 @@ class Agent(Strategy):
         sample = Sample(tuple(map(float, z)), tuple(map(float, theta)))
         self.history = self.history.with_pending(sample)
 
-    def recorded(self, history: History) -> History:
-        """Return what the agent goes by in the record of a study file."""
-        bare = history.bare()
-        return (bare.scores_alone() if self.by_value else bare).sharing(self.history)
-
     # Saved states and copies.
 
     @property
@@ -642,11 +640,10 @@ class Agent(Strategy):
             thetas = [space.decode(np.array(z)) for z in state.start]
         except KnobError as error:
             raise SettingsError(f"the start of a state: {error}") from error
-        history = state.history.bare()
         agent = object.__new__(cls)
         agent._begin(replace(setup, start=start_points(space, thetas, setup.n_max)))
-        agent.history = history.scores_alone() if cls.by_value else history
-        check_record(agent.history, space, agent.n_max, by_value=cls.by_value)
+        agent.history = state.history
+        check_record(agent._learned(agent.history), space, agent.n_max, by_value=cls.by_value)
         return agent
 
     def copy(self) -> Self:

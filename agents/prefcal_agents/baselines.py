@@ -9,11 +9,11 @@ from jaxtyping import Float, Int
 
 from prefcal_env.arrays import number
 from prefcal_env.errors import SettingsError
-from prefcal_env.preferences.history import History
+from prefcal_env.preferences.history import History, KPIValues
 
 from .agent import Agent, Settings, choice
 from .lessons import cube_of, normalized, scores_of
-from .people import Bank, columns_of
+from .people import Bank
 from .screening.bank import Simulating
 from .search import Tried, latin_hypercube, new_minimum, random_points, step_length
 from .surrogate import RADIAL_FUNCTIONS, squared_distances
@@ -301,7 +301,7 @@ class EqualWeights(Simulating):
         """Return the simulated θ; it simulates them if needed."""
         simulations = self.simulations  # there may be none
         z, thetas = self.space.proposals(latin_hypercube(self.space, self.n_simulated, self.setup.seed))
-        return Bank.of(z, thetas, columns_of(simulations(thetas)))
+        return Bank.of(z, thetas, KPIValues.of(simulations(thetas)))
 
     def propose(self, history: History) -> Float[np.ndarray, " n"]:
         """Return the simulated point of the lowest mean rank that did not run."""

@@ -38,7 +38,8 @@ class Outcomes:
         """
         columns: dict[str, Float[np.ndarray, " N"]] = {}
         ranges = []
-        for name, values in filled_kpis(history).items():
+        known = filled_kpis(history)
+        for name, values in zip(known.names, known.values.T, strict=True):
             shares, span = _shares(values)
             if np.ptp(shares) > 0:
                 columns[name] = shares

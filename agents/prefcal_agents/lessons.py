@@ -1,7 +1,8 @@
 """What a record teaches: training data as arrays, and what is worked out answer by answer."""
 
 from collections import OrderedDict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Generic, TypeVar, final
 
@@ -9,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from prefcal_env.preferences.answer import Answer, Mark, Outcome
-from prefcal_env.preferences.history import Comparison, History
+from prefcal_env.preferences.history import Comparison, History, KPIValues
 
 _GOOD = (Mark.CHALLENGER_GOOD_ENOUGH, Mark.INCUMBENT_GOOD_ENOUGH)
 
@@ -101,36 +102,21 @@ def scores_of(history: History) -> tuple[Int[np.ndarray, " K"], Float[np.ndarray
     return np.array([*scores], dtype=np.int64), np.array([*scores.values()], dtype=float)
 
 
-def kpis_of(history: History) -> tuple[Mapping[str, float], ...]:
-    """Return the KPIs of each sample that is answered, lower is better; empty if none are known.
-
-    KPIs that came with a retracted answer count too, since the experiment is still valid.
-    """
-    known: dict[int, Mapping[str, float]] = {}
-    for c in history.comparisons:
-        for index, outcome in zip((c.challenger, c.incumbent), c.answer.outcomes or (), strict=False):
-            if index is not None and outcome is not None:
-                known[index] = known.get(index) or dict(outcome)
-    return tuple(known.get(index, {}) for index in range(history.answered))
-
-
-def filled_kpis(history: History) -> dict[str, Float[np.ndarray, " N"]]:
-    """Return each KPI of all samples that are answered, shape (N,), by name.
+def filled_kpis(history: History) -> KPIValues:
+    """Return each KPI of all samples that are answered.
 
     A missing one is that of the nearest θ that has it. KPIs with fewer than three values are left
     out, since nothing can be learned from them.
     """
-    z, known = cube_of(history), kpis_of(history)
-    found = {}
-    for name in sorted({name for kpis in known for name in kpis}):
-        values = np.array([kpis.get(name, np.nan) for kpis in known], dtype=float)
+    z, (names, known) = cube_of(history), history.kpis
+    often = np.count_nonzero(~np.isnan(known), axis=0) >= _FEWEST
+    filled = np.compress(often, known, axis=1)
+    for values in filled.T:
         missing = np.isnan(values)
         there = np.flatnonzero(~missing)
-        if len(there) >= _FEWEST:
-            apart = np.sum((z[missing][:, None] - z[there]) ** 2, axis=2)
-            values[missing] = values[there[np.argmin(apart, axis=1)]]
-            found[name] = values
-    return found
+        apart = np.sum((z[missing][:, None] - z[there]) ** 2, axis=2)
+        values[missing] = values[there[np.argmin(apart, axis=1)]]
+    return KPIValues(tuple(name for name, is_kept in zip(names, often, strict=True) if is_kept), filled)
 
 
 _FEWEST = 3  # smallest number of experiments with a KPI to learn from it
@@ -197,13 +183,14 @@ def _part(history: History, lessons: Sequence[Comparison], kept: Int[np.ndarray,
     """Return a history of the samples `kept` and of `lessons`; other samples only teach KPIs."""
     number = {int(index): k for k, index in enumerate(kept)}
     own = {c.challenger: c for c in lessons if c.after is None}
-    kpis, comparisons, follow_ups = kpis_of(history), [], []
+    kpis, comparisons, follow_ups = history.kpis, [], []
     for index, k in number.items():
         if index in own:
             comparisons.append(_renumbered(own[index], number))
         else:
-            known = (kpis[index], None) if kpis[index] else None
-            comparisons.append(Comparison(k, None, Answer(None, outcomes=known)))
+            known = kpis.outcome(index)
+            given = Answer(None, outcomes=None if known is None else (known, None))
+            comparisons.append(Comparison(k, None, given))
     for c in lessons:
         if c.after is not None:
             after = int(np.searchsorted(kept, c.after))
@@ -228,12 +215,15 @@ def judged(history: History) -> History:
     cut = history.cut_short()
     if not cut:
         return history
-    z, known = cube_of(history), kpis_of(history)
-    partial = cut | history.unsafe()
+    z, (names, kpis), partial = cube_of(history), history.kpis, cut | history.unsafe()
     # Interrupted runs have infinite KPIs. So have those that never settle, which look the same.
-    finite = [bool(kpis) and np.isfinite(list(kpis.values())).all() for kpis in known]
-    whole = [i for i, each in enumerate(finite) if each and i not in partial]
-    filled = {i: _filled(z, known, [w for w in whole if w < i], i) for i in sorted(cut)}
+    finite = ~np.isnan(kpis).all(axis=1) & ~np.isinf(kpis).any(axis=1)
+    whole = [i for i in np.flatnonzero(finite).tolist() if i not in partial]
+    filled = dict[int, Outcome]()
+    for i in sorted(cut):
+        apart = np.sum((z[[w for w in whole if w < i]] - z[i]) ** 2, axis=1)
+        near = kpis[whole[int(np.argmin(apart))]] if len(apart) else kpis[i]
+        filled[i] = Outcome(dict(zip(names, np.fmax(kpis[i], near).tolist(), strict=True)))
 
     def taught(c: Comparison) -> Comparison:
         if c.challenger not in cut and c.incumbent not in cut:
@@ -248,20 +238,6 @@ def judged(history: History) -> History:
         history,
         comparisons=tuple(taught(c) for c in history.comparisons),
         follow_ups=tuple(taught(c) for c in history.follow_ups),
-    )
-
-
-def _filled(
-    z: Float[np.ndarray, "N n"], known: tuple[Mapping[str, float], ...], whole: list[int], index: int
-) -> Outcome:
-    """Return the KPIs of sample `index`, whose run was cut short, as those of a whole run."""
-    bounds = known[index]
-    if not whole:
-        return Outcome(bounds)
-    apart = np.sum((z[whole] - z[index]) ** 2, axis=1)
-    near = known[whole[int(np.argmin(apart))]]
-    return Outcome(
-        {name: max(bounds.get(name, -np.inf), near.get(name, -np.inf)) for name in {*bounds, *near}}
     )
 
 
@@ -282,9 +258,9 @@ def normalized(values: Float[np.ndarray, " N"], ceiling: float) -> Float[np.ndar
 
 # --- Work out what is known after a record, answer by answer, and remember it.
 
-_REMEMBERED = 40  # number of stages in memory, up to about a megabyte each
-_SELDOM = 10  # number of answers of a long step
 _LATEST = 16  # number of results in memory: those of the likely answers to a question and of an undo
+_STAGES = 40  # number of stages in memory, up to about a megabyte each
+_SELDOM = 10  # number of answers of a long step
 
 Known = TypeVar("Known")
 
@@ -293,35 +269,34 @@ Known = TypeVar("Known")
 class Remembered(Generic[Known]):
     """A function of a record that remembers what it returned for the latest ones.
 
-    Records are compared, not hashed: those of a study share their parts, so that takes no time.
+    Nothing of it has to be saved, and copies of an agent share it: memory only saves time.
 
     Args:
-        function: Function of a record that returns something else than None.
+        function: Function of a record.
+        most: Number of results in memory.
     """
 
-    def __init__(self, function: Callable[[History], Known]) -> None:
-        self._function = function
-        self._latest: tuple[tuple[History, Known], ...] = ()  # frozen, since threads share it
+    def __init__(self, function: Callable[[History], Known], most: int = _LATEST) -> None:
+        self._function, self._most = function, most
+        self._known: OrderedDict[bytes, Known] = OrderedDict()
 
     def __call__(self, history: History) -> Known:
         """Return what the function returns for `history`."""
-        known = self.get(history)
-        if known is None:
-            known = self._function(history)
-            self._latest = ((history, known), *self._latest[: _LATEST - 1])
+        with suppress(KeyError):  # another thread may drop it at any time
+            return self._known[history.key]
+        known = self._known[history.key] = self._function(history)
+        while len(self._known) > self._most:
+            self._known.popitem(last=False)
         return known
 
-    def get(self, history: History) -> Known | None:
-        """Return it if it is remembered; None otherwise."""
-        return next((known for past, known in self._latest if past == history), None)
+    def __contains__(self, history: History) -> bool:
+        """Return whether what is known of `history` is in memory, so that it takes no time."""
+        return history.key in self._known
 
 
 @final
 class Stages(Generic[Known]):
     """What is known after each answer, which follows from what was known one answer earlier.
-
-    It is a function of the record, so nothing has to be saved, and copies of an agent share it:
-    memory only saves time.
 
     Args:
         first: Function that returns what is known before the first answer.
@@ -341,49 +316,33 @@ class Stages(Generic[Known]):
         whole: bool = False,
     ) -> None:
         self._first, self._following, self._most, self._whole = first, following, most, whole
-        self._known: OrderedDict[History, Known] = OrderedDict()
+        self._known = Remembered(self._work_out, _STAGES)
 
-    def after(self, history: History) -> Known:
+    def __call__(self, history: History) -> Known:
         """Return what is known after `history`."""
-        past = history.until(history.answered).bare()
-        before, known = self._latest(past)
-        for count in self._steps(before.answered + 1, past.answered):
-            here = past.until(count)
-            alone = here if self._whole else replace(here, follow_ups=before.follow_ups)
-            known = self._kept(alone, before, known)
-            if here != alone:
-                known = self._kept(here, alone, known)
-            before = here
-        return known
+        steps = [history.until(history.answered)]
+        # From the latest one in memory on: a step that asks for the one before would nest too deeply.
+        while steps[-1] not in self._known and (before := self._before(steps[-1])) is not None:
+            steps.append(before)
+        for here in reversed(steps[1:]):
+            self._known(here)
+        return self._known(steps[0])
 
-    def knows(self, history: History) -> bool:
+    def __contains__(self, history: History) -> bool:
         """Return whether what is known after `history` is in memory."""
-        return history.until(history.answered).bare() in self._known
+        return history.until(history.answered) in self._known
 
-    def _steps(self, start: int, end: int) -> list[int]:
-        """Return the numbers of answers from `start` to `end` at which a step ends."""
-        most = end if self._most is None else self._most
-        return [k for k in range(start, end + 1) if k <= most or k % _SELDOM == 0 or k == end]
+    def _work_out(self, past: History) -> Known:
+        before = self._before(past)
+        return self._first() if before is None else self._following(past, before, self._known(before))
 
-    def _latest(self, past: History) -> tuple[History, Known]:
-        """Return the latest part of `past` that is in memory, and what is known after it.
-
-        Earlier ones may be forgotten: to work them out again would take time for each answer.
-        """
-        for count in reversed(self._steps(1, past.answered)):
-            here = past.until(count)
-            known = self._known.get(here)
-            if known is not None:
-                return here, known
-        known = self._known.get(History())
-        return History(), self._remembered(History(), self._first() if known is None else known)
-
-    def _kept(self, past: History, before: History, known: Known) -> Known:
-        found = self._known.get(past)  # another thread may drop it at any time
-        return found if found is not None else self._remembered(past, self._following(past, before, known))
-
-    def _remembered(self, past: History, known: Known) -> Known:
-        self._known[past] = known
-        while len(self._known) > _REMEMBERED:
-            self._known.popitem(last=False)
-        return known
+    def _before(self, past: History) -> History | None:
+        """Return the record one step before `past`; None if nothing is answered."""
+        if not past.answered:
+            return None
+        count = past.answered - 1
+        while self._most is not None and count > self._most and count % _SELDOM:
+            count -= 1
+        before = past.until(count)
+        alone = replace(past, follow_ups=before.follow_ups)
+        return before if self._whole or alone == past else alone

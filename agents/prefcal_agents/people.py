@@ -10,9 +10,9 @@ from jaxtyping import Bool, Float, Int
 from scipy.special import expit, logsumexp, ndtr, softmax
 
 from prefcal_env.preferences.answer import Preference, Reading
-from prefcal_env.preferences.history import History
+from prefcal_env.preferences.history import History, KPIValues
 
-from .lessons import Preferences, kpis_of
+from .lessons import Preferences
 from .surrogate import matern, predicted, squares
 
 
@@ -42,12 +42,7 @@ class Bank:
         return len(self.z)
 
     @classmethod
-    def of(
-        cls,
-        z: Float[np.ndarray, "m n"],
-        thetas: Float[np.ndarray, "m n"],
-        columns: Mapping[str, Float[np.ndarray, " m"]],
-    ) -> "Bank":
+    def of(cls, z: Float[np.ndarray, "m n"], thetas: Float[np.ndarray, "m n"], table: KPIValues) -> "Bank":
         """Return the bank of m simulated θ; a KPI that an experiment lacks is infinite.
 
         Of rows with the same θ, which rounding of knobs gives, only the first is kept.
@@ -55,15 +50,14 @@ class Bank:
         Args:
             z: Points of the unit cube, shape (m, n).
             thetas: θ, physical, shape (m, n).
-            columns: Values of each KPI by name, shape (m,), NaN where it is not known.
+            table: KPIs of the m experiments.
         """
         _, first = np.unique(thetas + 0.0, axis=0, return_index=True)  # -0.0 is 0.0
         first.sort()
-        table = {name: values[first] for name, values in sorted(columns.items())}
-        names = tuple(name for name, values in table.items() if not np.isnan(values).all())
-        kpis = np.empty((len(first), len(names)))
-        for column, name in enumerate(names):
-            kpis[:, column] = table[name]
+        kpis = table.values[first]
+        known = ~np.isnan(kpis).all(axis=0)
+        names = tuple(name for name, told in zip(table.names, known, strict=True) if told)
+        kpis = np.compress(known, kpis, axis=1)
         unknown = np.isnan(kpis)
         failed = np.asarray(unknown.all(axis=1))
         return cls(z[first], thetas[first], names, np.where(unknown, np.inf, kpis), failed)
@@ -86,12 +80,6 @@ class Bank:
         if not known.all():
             raise KeyError(tuple(thetas[int(known.argmin())]))
         return np.asarray(same.argmax(axis=1))
-
-
-def columns_of(outcomes: Sequence[Mapping[str, float]]) -> dict[str, Float[np.ndarray, " m"]]:
-    """Return the values of each KPI of m experiments, shape (m,), by name; NaN where one lacks it."""
-    names = {name for outcome in outcomes for name in outcome}
-    return {name: np.array([outcome.get(name, np.nan) for outcome in outcomes]) for name in names}
 
 
 # --- What a person may want from a closed loop: random orders of its KPIs, and random trade-offs.
@@ -343,10 +331,10 @@ class Utilities:
             found[part] = self.level(logs, part)
         return found
 
-    def gains(
+    def differences(
         self, levels: Float[np.ndarray, "c s p"], better: Int[np.ndarray, " a"], worse: Int[np.ndarray, " a"]
     ) -> Float[np.ndarray, "c s a"]:
-        """Return how much better one experiment is than another by each part, shape (2k, s, a).
+        """Return how much better one experiment is than another by each part, in levels, (2k, s, a).
 
         In an order, the first KPI decides whose difference is noticeable: that of two experiments,
         while `costs` counts steps from the best value, as an order of all experiments needs.
@@ -356,30 +344,39 @@ class Utilities:
             better: One experiment of each pair, shape (a,).
             worse: The other one, shape (a,).
         """
-        found = levels.take(worse, axis=2) - levels.take(better, axis=2)
-        own, order = found[: len(found) // 2], self.ordered > 0
-        # Only whether a difference is noticed: a large one must not outweigh an earlier KPI.
-        own[:, order] = np.clip(np.trunc(own[:, order]), -1, 1)
-        return np.asarray(found * self.weights.T[:, :, None])
+        return _apart(levels, better, worse, self.counted)
+
+    @property
+    def counted(self) -> Bool[np.ndarray, "c s"]:
+        """Return the KPIs of each draw of which only whether they differ noticeably counts, (2k, s)."""
+        own = np.arange(2 * self.normals.shape[1]) < self.normals.shape[1]
+        return np.asarray(own[:, None] & (self.ordered > 0))
+
+    def gains(
+        self, levels: Float[np.ndarray, "c s p"], better: Int[np.ndarray, " a"], worse: Int[np.ndarray, " a"]
+    ) -> Float[np.ndarray, "c s a"]:
+        """Return the same in costs, shape (2k, s, a)."""
+        return np.asarray(self.differences(levels, better, worse) * self.weights.T[:, :, None])
+
+    def gain(self, differences: Float[np.ndarray, "c s a"]) -> Float[np.ndarray, "s a"]:
+        """Return how much better one experiment is than another, by all parts together, shape (s, a)."""
+        found, weights = np.zeros(differences.shape[1:]), self.weights
+        for part in self.parts:  # by the others nothing differs
+            found += weights[:, part, None] * differences[part]
+        return found
 
     def log_answers(
-        self,
-        levels: Float[np.ndarray, "c s p"],
-        better: Int[np.ndarray, " a"],
-        worse: Int[np.ndarray, " a"],
-        tie: Bool[np.ndarray, " a"],
+        self, differences: Float[np.ndarray, "c s a"], tie: Bool[np.ndarray, " a"]
     ) -> Float[np.ndarray, "s a"]:
         """Return the logarithm of the probability of each answer by each draw, shape (s, a).
 
         Args:
-            levels: Levels of p experiments, see `levels`, shape (2k, s, p).
-            better: The preferred experiment of each answer, or one of a tie, shape (a,).
-            worse: The other one, shape (a,).
+            differences: How much better the preferred experiment is, or one of a tie, see `differences`.
             tie: Whether the answer is that they are alike, shape (a,).
         """
-        gain = self.gains(levels, better, worse).sum(axis=0)
-        won, lost = noticed(gain), noticed(-gain)
-        explained = np.where(tie, 1.0 - won - lost, won)
+        gain = self.gain(differences)
+        explained, even = noticed(gain), gain[:, tie]
+        explained[:, tie] = 1.0 - noticed(even) - noticed(-even)
         # A mistake is any of the three answers, so that no single one can rule out a draw.
         error = self.errors[:, None]
         return np.asarray(np.log((1.0 - error) * explained + error / 3.0))
@@ -426,6 +423,19 @@ class Utilities:
             name: np.where(mask, getattr(other, name), getattr(self, name)) for name, mask in masks.items()
         }
         return replace(self, normals=np.where(weight, step, self.normals), **taken)
+
+
+def _apart(
+    levels: Float[np.ndarray, "*parts p"],
+    better: Int[np.ndarray, " a"],
+    worse: Int[np.ndarray, " a"],
+    counted: Bool[np.ndarray, "*parts"],
+) -> Float[np.ndarray, "*parts a"]:
+    """Return differences of levels, shape (..., a); see `Utilities.differences`."""
+    found = levels.take(worse, axis=-1) - levels.take(better, axis=-1)
+    # Only whether a difference is noticed: a large one must not outweigh an earlier KPI.
+    found[counted] = np.clip(np.trunc(found[counted]), -1, 1)
+    return np.asarray(found)
 
 
 def noticed(gain: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
@@ -515,7 +525,8 @@ class Lessons:
 
     def log_probabilities(self, utilities: Utilities) -> Float[np.ndarray, "s a"]:
         """Return the logarithm of the probability of each answer by each draw, shape (s, a)."""
-        return utilities.log_answers(utilities.levels(self.logs), self.better, self.worse, self.tie)
+        apart = utilities.differences(utilities.levels(self.logs), self.better, self.worse)
+        return utilities.log_answers(apart, self.tie)
 
 
 def updated(
@@ -553,21 +564,21 @@ def _moved(
 ) -> Utilities:
     """Return draws after Metropolis steps. Only what a step changes is computed again."""
     count, k = utilities.normals.shape
-    levels = utilities.levels(lessons.logs)
-    answers = lessons.better, lessons.worse, lessons.tie
-    logs = utilities.log_answers(levels, *answers) @ lessons.strength
+    pairs, counted = (lessons.better, lessons.worse), utilities.counted
+    apart = utilities.differences(utilities.levels(lessons.logs), *pairs)
+    logs = utilities.log_answers(apart, lessons.tie) @ lessons.strength
     for _ in range(_MOVES):
         new = Utilities.drawn(scale, count, rng, utilities.ordered > 0, mistakes)
         tried = utilities.mutated(new, rng)
         draw, kpi = np.nonzero(tried.steps != utilities.steps)
         stated = np.isfinite(tried.limits[draw, kpi])
         draw, part = np.append(draw, draw[stated]), np.append(kpi, kpi[stated] + k)
-        before = levels[part, draw]
-        levels[part, draw] = tried.level(lessons.logs, part, draw)
-        likely = tried.log_answers(levels, *answers) @ lessons.strength
+        before = apart[part, draw]
+        apart[part, draw] = _apart(tried.level(lessons.logs, part, draw), *pairs, counted[part, draw])
+        likely = tried.log_answers(apart, lessons.tie) @ lessons.strength
         accepted = np.log(rng.random(count)) < likely - logs
         refused = ~accepted[draw]
-        levels[part[refused], draw[refused]] = before[refused]
+        apart[part[refused], draw[refused]] = before[refused]
         utilities = utilities.where(accepted, tried)
         logs = np.where(accepted, likely, logs)
     return utilities
@@ -622,36 +633,37 @@ class Measured:
 
     Args:
         rows: Rows of the bank whose θ have run, shape (r,).
-        outcomes: Their KPIs.
+        kpis: Their KPIs.
         reading: How people read them.
     """
 
     rows: Int[np.ndarray, " r"]
-    outcomes: tuple[Mapping[str, float], ...]
+    kpis: KPIValues
     reading: Reading
 
     @classmethod
     def of(cls, bank: Bank, history: History, reading: Reading) -> "Measured":
         """Return the KPIs that the answers of `history` tell; none if all read as simulated."""
-        cut = history.cut_short()  # their KPIs are bounds
-        told = {i: kpis for i, kpis in enumerate(kpis_of(history)) if kpis and i not in cut}
-        rows = bank.rows([history.samples[index].theta for index in told])
-        found = cls(rows, tuple(told.values()), reading)
+        names, values = history.kpis
+        known = ~np.isnan(values).all(axis=1)
+        known[[*history.cut_short()]] = False  # their KPIs are bounds
+        rows = bank.rows([history.samples[index].theta for index in np.flatnonzero(known)])
+        found = cls(rows, KPIValues(names, values[known]), reading)
         same = np.isclose(found.on(bank).kpis, bank.kpis, rtol=_SAME, atol=0.0)
-        return cls(np.array([], dtype=np.int64), (), reading) if same.all() else found
+        return cls(rows[:0], KPIValues((), np.zeros((0, 0))), reading) if same.all() else found
 
     def __len__(self) -> int:
         return len(self.rows)
 
     def on(self, bank: Bank) -> Bank:
         """Return the bank with what was measured in place of what was simulated."""
-        if not self.outcomes:
+        if not len(self):
             return bank
         kpis = bank.kpis.copy()
-        measured = columns_of(self.outcomes)
-        for column, name in enumerate(bank.names):
-            values = measured.get(name, np.full(len(self), np.nan))
-            kpis[self.rows, column] = np.where(np.isnan(values), kpis[self.rows, column], values)
+        for name, values in zip(self.kpis.names, self.kpis.values.T, strict=True):
+            if name in bank.names:
+                column = bank.names.index(name)
+                kpis[self.rows, column] = np.where(np.isnan(values), kpis[self.rows, column], values)
         kpis[self.rows] = self.reading.table(bank.names, kpis[self.rows])
         return replace(bank, kpis=kpis)
 

@@ -87,7 +87,8 @@ class Pool:
     def log_likelihood(self, history: History) -> Float[np.ndarray, " s"]:
         """Return the logarithm of the probability of all answers of a record, shape (s,)."""
         given = Lessons.of(self.bank, self.scale, history)
-        logs = self.utilities.log_answers(self.levels, given.better, given.worse, given.tie)
+        apart = self.utilities.differences(self.levels, given.better, given.worse)
+        logs = self.utilities.log_answers(apart, given.tie)
         return np.asarray(logs @ given.strength)
 
     def weights(self, history: History, power: float = 1.0) -> Float[np.ndarray, " s"]:

@@ -9,9 +9,9 @@ from jaxtyping import Float, Int
 
 from prefcal_env.errors import PreferenceError
 from prefcal_env.preferences.answer import Outcome, Reading
-from prefcal_env.preferences.history import History
+from prefcal_env.preferences.history import History, KPIValues
 
-from .people import DRAWS, Bank, Lessons, Scale, Utilities, columns_of, learn, worth
+from .people import DRAWS, Bank, Lessons, Scale, Utilities, learn, worth
 
 KPIs = Mapping[str, float]
 """KPIs of an experiment by name, lower is better; infinite means never, NaN or no entry unknown."""
@@ -159,7 +159,7 @@ class Taste:
         """
         levels, one = self.utilities.levels(self._logs([a, b])), np.array([0, 1, 0])
         tie = np.array([False, False, True])
-        logs = self.utilities.log_answers(levels, one, 1 - one, tie)
+        logs = self.utilities.log_answers(self.utilities.differences(levels, one, 1 - one), tie)
         better, worse, same = (np.exp(logs).mean(axis=0)).tolist()
         return Chances(better, same, worse)
 
@@ -199,4 +199,4 @@ def _check(answers: Sequence[int], kpis: Sequence[tuple[KPIs, KPIs]]) -> Int[np.
 def _bank(table: Sequence[KPIs]) -> Bank:
     """Return experiments as a bank; they have no θ, so each has its number for one."""
     number = np.arange(len(table), dtype=float)[:, None]
-    return Bank.of(number, number, columns_of([Outcome(kpis) for kpis in table]))
+    return Bank.of(number, number, KPIValues.of([Outcome(kpis) for kpis in table]))

@@ -34,7 +34,14 @@ class Outcome(Mapping[str, float]):
     """
 
     def __init__(self, kpis: Mapping[str, float]) -> None:
-        self._kpis = numbers(kpis)
+        if not isinstance(kpis, Mapping):
+            raise PreferenceError(f"an outcome must map names to numbers, got {kpis!r}")
+        for name, value in kpis.items():
+            numeric = isinstance(value, (int, float, np.integer, np.floating))
+            if not isinstance(name, str) or not numeric:
+                raise PreferenceError(f"a KPI must be a name and a number, got {name!r}: {value!r}")
+        values = {name: _float(name, value) for name, value in kpis.items()}
+        self._kpis = dict(sorted((name, value) for name, value in values.items() if not np.isnan(value)))
 
     def __getitem__(self, name: str) -> float:
         return self._kpis[name]
@@ -51,6 +58,10 @@ class Outcome(Mapping[str, float]):
     def __repr__(self) -> str:
         return f"Outcome({self._kpis!r})"
 
+    def row(self, names: Sequence[str]) -> list[float]:
+        """Return the values of these KPIs in order; NaN where one is not known."""
+        return [self._kpis.get(name, np.nan) for name in names]
+
     def to_dict(self) -> dict[str, float | str]:
         """Return plain data for JSON, which has no infinity: it becomes the text "inf"."""
         return {k: v if np.isfinite(v) else str(v) for k, v in self._kpis.items()}
@@ -59,25 +70,9 @@ class Outcome(Mapping[str, float]):
     def from_dict(cls, data: Mapping[str, Any]) -> "Outcome":
         """Read the data that `to_dict` returns. Raises PreferenceError for anything else."""
         if not isinstance(data, Mapping):
-            raise PreferenceError(f"an outcome must map names to numbers, got {data!r}")
+            return cls(data)
         words: dict[str, Any] = {k: _NUMBERS.get(v, v) if isinstance(v, str) else v for k, v in data.items()}
         return cls(words)
-
-
-def numbers(kpis: Mapping[str, float]) -> dict[str, float]:
-    """Return the KPIs of an `Outcome` as plain numbers, in the order of their names.
-
-    Raises:
-        PreferenceError: As `Outcome` does.
-    """
-    if not isinstance(kpis, Mapping):
-        raise PreferenceError(f"an outcome must map names to numbers, got {kpis!r}")
-    for name, value in kpis.items():
-        numeric = isinstance(value, (int, float, np.integer, np.floating))
-        if not isinstance(name, str) or not numeric:
-            raise PreferenceError(f"a KPI must be a name and a number, got {name!r}: {value!r}")
-    values = {name: _float(name, value) for name, value in kpis.items()}
-    return dict(sorted((name, value) for name, value in values.items() if not np.isnan(value)))
 
 
 def _float(name: str, value: Any) -> float:

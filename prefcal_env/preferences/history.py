@@ -1,15 +1,18 @@
 """The record of a study: samples and answers, the rules that follow from them, and the best one."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import accumulate
 from operator import or_
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from prefcal_env.errors import ProtocolError
 from prefcal_env.knobs import KnobSpace, carried
+from prefcal_env.plain import digest
 
 from .answer import Answer, Mark, Outcome, Preference
 
@@ -209,7 +212,7 @@ class Sample:
         return Sample(tuple(map(float, new.encode(theta))), tuple(map(float, theta)), self.after)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Comparison:
     """One answer about two samples.
 
@@ -244,6 +247,12 @@ class Comparison:
     comment: str = ""
     blind: bool = False
     repeats: int | None = None
+
+    @cached_property  # records share their answers, so a longer record costs little more
+    def key(self) -> bytes:
+        """Return a digest of what agents go by: the first five fields."""
+        answer = replace(self.answer, strength=float(self.answer.strength))  # 1 is 1.0
+        return digest((self.challenger, self.incumbent, answer, self.after, self.retracted))
 
     @property
     def verdict(self) -> Verdict | None:
@@ -305,7 +314,33 @@ class Lead:
     after: int
 
 
-@dataclass(frozen=True, slots=True)
+_UNKNOWN = Outcome({})
+
+
+class KPIValues(NamedTuple):
+    """KPIs of N samples, lower is better.
+
+    Args:
+        names: Names of the k KPIs.
+        values: Their values, NaN where one is not known, shape (N, k).
+    """
+
+    names: tuple[str, ...]
+    values: Float[np.ndarray, "N k"]
+
+    @classmethod
+    def of(cls, outcomes: Sequence[Outcome]) -> "KPIValues":
+        """Return the KPIs of N experiments as one table."""
+        names = tuple(sorted({name for outcome in outcomes for name in outcome}))
+        rows = [outcome.row(names) for outcome in outcomes]
+        return cls(names, np.array(rows, dtype=float).reshape(len(rows), len(names)))
+
+    def outcome(self, row: int) -> Outcome | None:
+        """Return the KPIs of one sample; None if none are known."""
+        return Outcome(dict(zip(self.names, self.values[row].tolist(), strict=True))) or None
+
+
+@dataclass(frozen=True)
 class History:
     """Samples in the order proposed, and the answers about them.
 
@@ -315,10 +350,6 @@ class History:
         follow_ups: Answers about two samples whose queries were closed, in the order given.
         repeats: Answers to questions that were asked again; agents do not learn from them.
         leads: What an agent held for the best against single answers, in order.
-
-    Attributes:
-        answered: Number of samples whose query is closed: the index of the next one.
-        pending: Sample that takes the next number; None if none is proposed yet.
     """
 
     samples: tuple[Sample, ...] = ()
@@ -326,15 +357,36 @@ class History:
     follow_ups: tuple[Comparison, ...] = ()
     repeats: tuple[Comparison, ...] = ()
     leads: tuple[Lead, ...] = ()
-    answered: int = field(init=False, repr=False, compare=False)
-    pending: Sample | None = field(init=False, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        answered = len(self.comparisons)
-        object.__setattr__(self, "answered", answered)
-        object.__setattr__(self, "pending", self.samples[answered] if len(self.samples) > answered else None)
 
     # Conclusions from the record.
+
+    @cached_property  # each memory asks for it
+    def key(self) -> bytes:
+        """Return a digest of all that agents go by: no circumstances, and no repeated questions."""
+        return digest((self.samples, [c.key for c in self.counting], self.leads))
+
+    @cached_property
+    def kpis(self) -> KPIValues:
+        """Return the KPIs of each sample that is answered.
+
+        KPIs that came with a retracted answer count too, since the experiment is still valid.
+        """
+        told = dict[int, Any]()  # an answer makes outcomes of what it is given
+        for c in self.comparisons:
+            for index, kpis in zip((c.challenger, c.incumbent), c.answer.outcomes or (), strict=False):
+                if index is not None and kpis:
+                    told.setdefault(index, kpis)
+        return KPIValues.of([told.get(index, _UNKNOWN) for index in range(self.answered)])
+
+    @property
+    def answered(self) -> int:
+        """Return the number of samples whose query is closed: the index of the next one."""
+        return len(self.comparisons)
+
+    @property
+    def pending(self) -> Sample | None:
+        """Return the sample that takes the next number; None if none is proposed yet."""
+        return next(iter(self.samples[self.answered :]), None)
 
     @property
     def waits(self) -> bool:
@@ -565,32 +617,6 @@ class History:
             KnobError: If `new` does not hold every sample, or has a knob without a value.
         """
         return replace(self, samples=tuple(s.moved(old, new, added) for s in self.samples))
-
-    def bare(self) -> "History":
-        """Return what an agent learns from: no circumstances, no repeated questions.
-
-        This makes an agent that got every answer equal to one restored from the study file.
-        """
-
-        def each(answers: Iterable[Comparison]) -> tuple[Comparison, ...]:
-            return tuple(
-                Comparison(c.challenger, c.incumbent, c.answer, c.after, c.retracted) for c in answers
-            )
-
-        return History(self.samples, each(self.comparisons), each(self.follow_ups), leads=self.leads)
-
-    def sharing(self, other: "History") -> "History":
-        """Return the same record, made of the answers of `other` where they are equal.
-
-        Records that share their parts are compared at once.
-        """
-
-        def each(mine: tuple[Comparison, ...], theirs: tuple[Comparison, ...]) -> tuple[Comparison, ...]:
-            shared = (b if a == b else a for a, b in zip(mine, theirs, strict=False))
-            return (*shared, *mine[len(theirs) :])
-
-        comparisons = each(self.comparisons, other.comparisons)
-        return replace(self, comparisons=comparisons, follow_ups=each(self.follow_ups, other.follow_ups))
 
     def scores_alone(self) -> "History":
         """Return the record for an agent that learns from scores: nothing is compared.

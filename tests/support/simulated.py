@@ -7,7 +7,7 @@ from prefcal_agents.people import Bank
 from prefcal_agents.screening.findings import Findings, findings
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preferences.answer import Answer
-from prefcal_env.preferences.history import Comparison, History, Sample
+from prefcal_env.preferences.history import Comparison, History, KPIValues, Sample
 from support.histories import in_cube
 
 SQUARE = KnobSpace([Knob("x", 0.0, 1.0), Knob("y", 0.0, 1.0)])
@@ -17,7 +17,8 @@ SQUARE = KnobSpace([Knob("x", 0.0, 1.0), Knob("y", 0.0, 1.0)])
 def bank_of(kpis, names="abcdefg"):
     """A bank with these KPIs, shape (m, k), of random points of `SQUARE`."""
     thetas = np.random.default_rng(5).random((len(kpis), 2))
-    return Bank.of(thetas, thetas, dict(zip(names, np.transpose(kpis), strict=False)))
+    table = np.array(kpis, dtype=float)
+    return Bank.of(thetas, thetas, KPIValues(tuple(names[: table.shape[1]]), table))
 
 
 def random_bank(count=120, k=3, seed=0):

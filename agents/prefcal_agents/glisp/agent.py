@@ -10,7 +10,7 @@ from scipy.special import expit, logit
 
 from prefcal_agents.agent import Agent, Pair, Start, one_thread, rematch
 from prefcal_agents.learned_cost import LearnedCost
-from prefcal_agents.lessons import Marks, Preferences, Remembered, cube_of, judged, kpis_of
+from prefcal_agents.lessons import Marks, Preferences, Remembered, cube_of, judged
 from prefcal_agents.search import (
     POOL,
     Acquisition,
@@ -455,7 +455,7 @@ class GLISp(Agent):
 
     def _foresight(self, history: History) -> Foresight | None:
         past, best = history.until(history.answered), history.incumbent
-        if best is None or len(past.lessons()) < FROM or not (self.settings.kpis and any(kpis_of(past))):
+        if best is None or len(past.lessons()) < FROM or not (self.settings.kpis and past.kpis.names):
             return None
         tried_all = self._most(history) < self.setup.n_max
         if history.pending is None and (tried_all or not self.is_over(history)):
@@ -473,7 +473,7 @@ class GLISp(Agent):
     @property
     def foresees(self) -> bool:
         """Return whether `foresight` takes milliseconds only: nothing has to be learned for it."""
-        proposed = self.history.pending is not None or self._next.get(self.history) is not None
+        proposed = self.history.pending is not None or self.history in self._next
         return proposed and self._models.knows(self.history.until(self.history.answered))
 
     def surrogate(self, thetas: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:

@@ -9,17 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from prefcal_agents.agent import Settings, Setup, choice
-from prefcal_agents.lessons import (
-    MOST,
-    Memory,
-    Preferences,
-    Remembered,
-    Stages,
-    cube_of,
-    filled_kpis,
-    judged,
-    kpis_of,
-)
+from prefcal_agents.lessons import MOST, Memory, Preferences, Remembered, Stages, cube_of, filled_kpis, judged
 from prefcal_agents.people import (
     AFTER,
     DRAWS,
@@ -53,7 +43,7 @@ from prefcal_agents.surrogate import (
 from prefcal_env.arrays import integer, number
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs import KnobSpace
-from prefcal_env.preferences.history import History, contradictory
+from prefcal_env.preferences.history import History, KPIValues, contradictory
 
 # --- Define the settings of GLISp, checked on creation, including those of the paper.
 
@@ -265,7 +255,7 @@ def kpi_fits(seed: int) -> Stages[KPIFit]:
 
 
 def _first(seed: int) -> KPIFit:
-    bank = Bank.of(np.zeros((0, 0)), np.zeros((0, 0)), {})
+    bank = Bank.of(np.zeros((0, 0)), np.zeros((0, 0)), KPIValues.of([]))
     scale = Scale.of(bank, np.arange(0))
     return KPIFit(bank, np.arange(0), scale, _draw(scale, _rng(seed, History())))
 
@@ -289,9 +279,9 @@ def _following(seed: int, past: History, before: History, fit: KPIFit) -> KPIFit
 
 def _experiments(history: History) -> Bank:
     """Return the KPIs of all experiments; see `filled_kpis`."""
-    z, columns = cube_of(history), filled_kpis(history)
+    z = cube_of(history)
     thetas = np.array([s.theta for s in history.samples[: history.answered]], dtype=float)
-    return Bank.of(z, thetas.reshape(z.shape), columns)
+    return Bank.of(z, thetas.reshape(z.shape), filled_kpis(history))
 
 
 def _rng(seed: int, past: History) -> np.random.Generator:
@@ -530,10 +520,10 @@ class ModelSelection:
 
     def kpi_fit(self, history: History) -> KPIFit | None:
         """Return what KPIs teach after `history`; None if they do not explain the answers."""
-        if self._kpi_fits is None or not any(kpis_of(history)):
+        if self._kpi_fits is None or not history.kpis.names:
             return None
         history = judged(history)
-        fit = self._kpi_fits.after(history)
+        fit = self._kpi_fits(history)
         if not fit.teaches or not history.lessons():
             return None
         then = history.until(history.answered - history.answered % _TESTED)
@@ -541,14 +531,14 @@ class ModelSelection:
 
     def knows(self, history: History) -> bool:
         """Return whether what KPIs teach after `history` is remembered, so that it takes no time."""
-        return self._kpi_fits is None or self._kpi_fits.knows(judged(history))
+        return self._kpi_fits is None or judged(history) in self._kpi_fits
 
     def _explains(self, history: History) -> bool:
         """Return whether KPIs explain the answers of `history`."""
-        return self._kpi_fits is None or self._kpi_fits.after(history).explains(history)
+        return self._kpi_fits is None or self._kpi_fits(history).explains(history)
 
     def _selection(self, history: History) -> Selection:
-        stage = self._stages.after(history)
+        stage = self._stages(history)
         if stage.tested is None:
             return Selection(stage.shape, None, is_noisy=False)
         noise = NoiseTest(stage.tested, float(np.mean([test() for test in stage.tests])))

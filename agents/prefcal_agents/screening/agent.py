@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import expit, logit, logsumexp
 
-from prefcal_agents.agent import Pair, Setup, one_thread
+from prefcal_agents.agent import Pair, Setup
 from prefcal_agents.glisp.agent import lost_since, propose
 from prefcal_agents.glisp.fits import GLISpSettings, ModelSelection
 from prefcal_agents.lessons import Remembered
@@ -249,19 +249,14 @@ class Screening(Simulating):
     version: ClassVar[int] = 6
 
     def _prepare(self) -> None:
-        self._stages = Remembered(self._stage_after)
         self._evidences = Remembered(self._evidence_after)
-
-    def _stage_after(self, history: History) -> Stage:
-        with one_thread():
-            return self.growth.stage(history)
 
     # What people and programs look at.
 
     @property
     def bank(self) -> Bank:
         """Return the simulated θ that the open query was chosen from; it simulates if needed."""
-        return self._stages(self.history).bank
+        return self.stage(self.history).bank
 
     @property
     def due(self) -> int:
@@ -275,18 +270,17 @@ class Screening(Simulating):
         None before the second answer, and where experiments measured other KPIs than those
         simulated, on which no certificate was measured.
         """
-        (found,) = self._evidences(self._past)
-        return found
+        return self._evidences(self.history.until(self.history.answered))
 
-    def _evidence_after(self, history: History) -> tuple[Evidence | None]:
+    def _evidence_after(self, history: History) -> Evidence | None:
         best = self.leader(history)
         if best is None or len(history.lessons()) < FROM:
-            return (None,)
-        stage = self._stages(history)
+            return None
+        stage = self.stage(history)
         row = None if stage.rough else _row(stage.bank, np.array(history.samples[best].theta))
         # The numbers of given candidates mean nothing, so that what they predict is chance.
         numbered = self.simulations.candidates is not None
-        return (None if row is None else evidence(stage, row, history, numbered=numbered),)
+        return None if row is None else evidence(stage, row, history, numbered=numbered)
 
     @property
     def certificate(self) -> Certificate | None:
@@ -296,7 +290,7 @@ class Screening(Simulating):
 
     def stage(self, history: History) -> Stage:
         """Return what is known after `history`, which is remembered; it simulates if needed."""
-        return self._stages(history)
+        return self.growth.stage(history)
 
     @property
     def growth(self) -> Growth:
@@ -308,10 +302,6 @@ class Screening(Simulating):
     def _holds(self, bank: Bank, row: int) -> bool:
         """Return whether a row keeps the limits in all perturbed runs; without `holds` any does."""
         return bool(self.simulations.runs_kept(bank.thetas[[row]])[0] == ENOUGH)
-
-    @property
-    def _past(self) -> History:
-        return self.history.until(self.history.answered)
 
     # What the agent does.
 
@@ -325,7 +315,7 @@ class Screening(Simulating):
         best = history.by_answers
         if best is None or len(history.lessons()) < 2 or self._simulations is None:
             return None
-        stage = self._stages(history)
+        stage = self.stage(history)
         rows = stage.bank.rows([s.theta for s in history.samples[: history.answered]])
         better = np.mean(stage.costs[:, rows] < stage.costs[:, rows[best], None] - 1.0, axis=0)
         if self.simulations.holds is not None:
@@ -340,10 +330,10 @@ class Screening(Simulating):
     def has_enough(self, history: History) -> bool:
         """Return whether little is left by the certificate, and the best misses no objective and holds."""
         past = history.until(history.answered)
-        (found,), best = self._evidences(past), self.leader(past)
+        found, best = self._evidences(past), self.leader(past)
         if found is None or best is None or not Certificate.of(found).enough:
             return False
-        bank = self._stages(past).bank
+        bank = self.stage(past).bank
         row = bank.find(np.array(past.samples[best].theta))
         return (
             self._holds(bank, row) and not self.simulations.reading.missed(bank.names, bank.kpis[[row]]).any()
@@ -355,7 +345,7 @@ class Screening(Simulating):
 
     def propose(self, history: History) -> Float[np.ndarray, " n"]:
         """Return the simulated point that the answers leave most undecided, or one beyond KPIs."""
-        stage, best = self._stages(history), history.incumbent
+        stage, best = self.stage(history), history.incumbent
         rng = np.random.default_rng([self.setup.seed, history.answered])
         tried = Tried(self.space, history)
         if self.simulations.candidates is None and without_kpis(history, stage):

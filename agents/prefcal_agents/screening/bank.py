@@ -10,28 +10,17 @@ from typing import Any, Protocol, Self, TypeVar
 import numpy as np
 from jaxtyping import Float, Int
 
-from prefcal_agents.agent import Agent, Settings, Start
-from prefcal_agents.lessons import Stages
-from prefcal_agents.people import (
-    DRAWS,
-    Bank,
-    Lessons,
-    Measured,
-    Scale,
-    Utilities,
-    columns_of,
-    corrected,
-    learn,
-    updated,
-)
+from prefcal_agents.agent import Agent, Settings, Start, one_thread
+from prefcal_agents.lessons import Remembered, Stages
+from prefcal_agents.people import DRAWS, Bank, Lessons, Measured, Scale, Utilities, corrected, learn, updated
 from prefcal_agents.result import Pool, limited
 from prefcal_agents.search import Region, latin_hypercube
 from prefcal_agents.taste import Told, lessons_of
 from prefcal_env.arrays import integer
 from prefcal_env.errors import PreferenceError, SettingsError, SimulationError
 from prefcal_env.knobs import KnobSpace, theta_keys
-from prefcal_env.preferences.answer import Reading, numbers
-from prefcal_env.preferences.history import History
+from prefcal_env.preferences.answer import Outcome, Reading
+from prefcal_env.preferences.history import History, KPIValues
 
 # --- Run simulations for an agent, each θ once, keep their KPIs, and what all such agents share.
 
@@ -94,7 +83,7 @@ class Simulations:
         self._many: Callable[[Sequence[Theta]], Iterable[Any]] | None = many
         self.holds: Holds | None = getattr(simulate, "holds", None)
         self.candidates: Float[np.ndarray, "m n"] | None = getattr(simulate, "candidates", None)
-        self._known: dict[bytes, dict[str, float]] = {}
+        self._known: dict[bytes, Outcome] = {}
         self._error: Exception | None = None
         self._learned: dict[Callable[..., Any], Any] = {}
         self._one_at_a_time = Lock()
@@ -121,7 +110,7 @@ class Simulations:
         """Return the number of simulations that failed."""
         return sum(not outcome for outcome in list(self._known.values()))
 
-    def __call__(self, thetas: Float[np.ndarray, "m n"]) -> list[dict[str, float]]:
+    def __call__(self, thetas: Float[np.ndarray, "m n"]) -> list[Outcome]:
         """Return the KPIs of each row of `thetas`; none for a simulation that failed.
 
         Raises:
@@ -188,7 +177,7 @@ class Simulations:
         """Keep the KPIs that the first of `new` returned, up to what are none; {} where one failed."""
         for (key, theta), result in zip(new.items(), results, strict=False):
             try:
-                self._known[key] = numbers({} if result is None else result)
+                self._known[key] = Outcome({} if result is None else result)
             except PreferenceError as error:
                 raise SimulationError(
                     f"simulate must return a mapping from names of KPIs to numbers, or None if it failed, "
@@ -376,22 +365,13 @@ class Growth:
         wide = sum(count for count, _ in self._plan)
         self._design = latin_hypercube(space, wide, seed) if given is None else space.encode_all(given)
         self._stages = Stages(self._first, self._following)
-        self._pooled: tuple[History, Pool] | None = None  # the latest one: it is large
+        self.pool = Remembered(self._pool, 1)  # the latest one: it is large
+        """Draws of the study after a record, which say what other answers would teach."""
 
     def stage(self, history: History) -> Stage:
         """Return what is known after `history`, simulating what was not simulated yet."""
-        return self._stages.after(history)
-
-    def pool(self, history: History) -> Pool:
-        """Return the draws of the study so far, which say what other answers would teach.
-
-        Raises:
-            KeyError: If a sample is not in the bank.
-        """
-        known = self._pooled
-        if known is None or known[0] != history:
-            known = self._pooled = (history, self._pool(history))
-        return known[1]
+        with one_thread():
+            return self._stages(history)
 
     def _pool(self, history: History) -> Pool:
         stage, last = self.stage(history), history.answered
@@ -523,7 +503,7 @@ class Growth:
 
     def _simulated(self, z: Float[np.ndarray, "j n"], thetas: Float[np.ndarray, "j n"]) -> Bank:
         """Return the bank of these θ, with their KPIs as people read them."""
-        bank, reading = Bank.of(z, thetas, columns_of(self.simulations(thetas))), self.simulations.reading
+        bank, reading = Bank.of(z, thetas, KPIValues.of(self.simulations(thetas))), self.simulations.reading
         return replace(bank, kpis=reading.table(bank.names, bank.kpis))
 
     def _rng(self, past: History, stream: int) -> np.random.Generator:

@@ -132,7 +132,7 @@ class Thoughts:
     def grounds(self, agent: Agent) -> Screened | None:
         """Return what the open question of `agent` was chosen from; None while it is not known."""
         known = self.screened
-        if known is None or known.past != past_of(agent):
+        if known is None or known.past.key != past_of(agent).key:
             return None
         # The person may have asked for another challenger since.
         return known if known.pending == agent.history.pending else None
@@ -150,7 +150,7 @@ class Thoughts:
 
     def make_way(self, history: History | None) -> None:
         """Abandon simulations unless they are for `history`, the record that is waited for."""
-        if self.simulator is not None and self.about not in (None, history):
+        if self.simulator is not None and self.about and (history is None or self.about.key != history.key):
             self.about = None
             self.simulator.abandon()
 
@@ -380,7 +380,7 @@ class Flow:
             StudyError: If they cannot be saved; then nothing has changed.
         """
         numbers = self.file.append(*events)
-        self.agent.history = self.agent.recorded(self.state.history)
+        self.agent.history = self.state.history
         return numbers
 
     def move(self, phase: Phase, problem: Exception | None = None) -> None:

@@ -78,7 +78,7 @@ class Choose:
         if isinstance(found, Abandoned):
             return
         flow.thoughts.about = None
-        if flow.agent.history == self.history and flow.phase is Phase.RUNNING:
+        if flow.agent.history.key == self.history.key and flow.phase is Phase.RUNNING:
             flow.thoughts.screened = found or flow.thoughts.screened
             # A question that was already open, before a restart, stays open under its id.
             flow.resume()
@@ -118,7 +118,7 @@ class LookAhead:
                 flow.thoughts.prefetch.next = theta
             return
         waits = flow.phase is Phase.RUNNING and flow.agent.history.pending is None
-        if waits and flow.agent.history == told:  # the answer came meanwhile, and it is this one
+        if waits and flow.agent.history.key == told.key:  # the answer came meanwhile, and it is this one
             flow.thoughts.screened = screened or flow.thoughts.screened
             flow.proceed()
 

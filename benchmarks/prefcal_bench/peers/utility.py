@@ -1,6 +1,5 @@
 """What BOPE and EUBO learn from: the KPIs as a table, and a person's utility from comparisons."""
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.special import ndtr
 
 from prefcal_agents.learned_cost import CEILING
-from prefcal_agents.lessons import Preferences, kpis_of, normalized
+from prefcal_agents.lessons import Preferences, normalized
 from prefcal_bench.extras import load
 from prefcal_env.preferences.history import History
 
@@ -132,16 +131,17 @@ class KPITable:
 
         A missing value counts as the mean of the others. A KPI that never differs is left out.
         """
-        known, cut = kpis_of(history), history.cut_short()  # KPIs of the latter are bounds
-        rows = [index for index, outcome in enumerate(known) if outcome and index not in cut]
+        values = history.kpis.values
+        known = ~np.isnan(values).all(axis=1)
+        known[[*history.cut_short()]] = False  # their KPIs are bounds
+        rows = np.flatnonzero(known)
         if len(rows) < _FEWEST:
             return None
-        names = sorted({name for index in rows for name in known[index]})
-        columns = [_shares([known[index] for index in rows], name) for name in names]
+        columns = [_shares(column) for column in values[rows].T if not np.isnan(column).all()]
         columns = [column for column in columns if np.ptp(column) > 0]
         if not columns:
             return None
-        return cls(np.array(rows, dtype=np.int64), np.stack(columns, axis=1))
+        return cls(rows, np.stack(columns, axis=1))
 
     def pairs(self, pairs: Int[np.ndarray, "M 2"]) -> Int[np.ndarray, "L 2"]:
         """Return the pairs of samples of which both are in the table, as pairs of its rows."""
@@ -149,12 +149,11 @@ class KPITable:
         return np.searchsorted(self.rows, pairs[both])
 
 
-def _shares(known: Sequence[Mapping[str, float]], name: str) -> Float[np.ndarray, " K"]:
-    values = np.array([outcome.get(name, np.nan) for outcome in known], dtype=float)
+def _shares(values: Float[np.ndarray, " K"]) -> Float[np.ndarray, " K"]:
     finite = np.isfinite(values)
     shares = np.where(values > 0, _NEVER, 0.0)
     if finite.any():
         shares[finite] = normalized(values[finite], CEILING)
     missing = np.isnan(values)
-    shares[missing] = shares[~missing].mean() if not missing.all() else 0.0
+    shares[missing] = shares[~missing].mean()
     return shares

@@ -8,7 +8,7 @@ import scipy.linalg
 from scipy.linalg import lapack
 
 from prefcal_agents import GLISp, GLISpSettings
-from prefcal_agents.lessons import MOST, Marks, Memory, Preferences, judged, kpis_of, scores_of
+from prefcal_agents.lessons import MOST, Marks, Memory, Preferences, judged, scores_of
 from prefcal_agents.search import Acquisition, SafetyModel
 from prefcal_agents.surrogate import Shape, Surrogate
 from prefcal_env.knobs import Knob, KnobSpace
@@ -119,8 +119,8 @@ def test_abstentions_teach_kpis_of_the_latest_samples():
     assert len(Preferences.of(memory.history)) == 10
     assert len(memory.kept) == MOST
     assert 999 in memory.kept
-    known = kpis_of(history)
-    assert kpis_of(memory.history) == tuple(known[i] for i in memory.kept)
+    assert memory.history.kpis.names == history.kpis.names
+    assert memory.history.kpis.values.tolist() == history.kpis.values[memory.kept].tolist()
 
 
 @pytest.fixture

@@ -38,15 +38,15 @@ class Counting:
 def test_a_step_is_an_experiment_with_its_answer_or_all_follow_ups_after_it():
     record = line(3).with_follow_up(Answer(1), 2, 0).with_follow_up(Answer(1), 1, 0)
     longer = record.with_pending(in_cube([0.9])).with_answer(Answer(1), 2)
-    assert Counting().stages.after(longer) == ((1, 0), (2, 0), (3, 0), (3, 2), (4, 2))
+    assert Counting().stages(longer) == ((1, 0), (2, 0), (3, 0), (3, 2), (4, 2))
 
 
 def test_what_is_known_is_not_worked_out_twice():
     counting, record = Counting(), line(5)
-    counting.stages.after(record.until(3))
-    counting.stages.after(record)
-    counting.stages.after(record.with_pending(in_cube([0.7])))
-    counting.stages.after(record.until(4))
+    counting.stages(record.until(3))
+    counting.stages(record)
+    counting.stages(record.with_pending(in_cube([0.7])))
+    counting.stages(record.until(4))
     assert counting.steps == [(k, 0) for k in range(1, 6)]
 
 
@@ -63,37 +63,37 @@ def test_what_is_known_is_not_worked_out_twice():
 )
 def test_it_depends_on_the_record_alone_not_on_what_was_asked_before(change):
     used, record = Counting(), line(5)
-    used.stages.after(record)
-    used.stages.after(record.with_follow_up(Answer(-1), 3, 0))
-    assert used.stages.after(change(record)) == Counting().stages.after(change(record))
+    used.stages(record)
+    used.stages(record.with_follow_up(Answer(-1), 3, 0))
+    assert used.stages(change(record)) == Counting().stages(change(record))
 
 
 def test_a_long_study_takes_one_step_for_each_answer_though_early_ones_are_forgotten():
     counting, record = Counting(), line(60)
     for count in range(61):
-        counting.stages.after(record.until(count))
+        counting.stages(record.until(count))
     assert counting.steps == [(k, 0) for k in range(1, 61)]
-    known = counting.stages.after(record.until(2))  # forgotten, and worked out again
+    known = counting.stages(record.until(2))  # forgotten, and worked out again
     assert known == ((1, 0), (2, 0))
     assert len(counting.steps) == 62
-    assert len(counting.stages._known) <= 40
+    assert len(counting.stages._known._known) <= 40
 
 
 def test_of_a_long_study_ten_answers_at_once_are_a_step_and_the_rest():
     counting, record = Counting(20), line(47).with_follow_up(Answer(1), 46, 0)
-    counting.stages.after(record)
+    counting.stages(record)
     ends = [*range(1, 21), 30, 40, 47]
     assert counting.steps == [*[(k, 0) for k in ends], (47, 1)]
     longer = record.with_pending(in_cube([0.9])).with_answer(Answer(1), 46)
-    assert counting.stages.after(longer) == Counting(20).stages.after(longer)
-    assert counting.stages.after(longer)[-3:] == ((40, 0), (48, 0), (48, 1))
+    assert counting.stages(longer) == Counting(20).stages(longer)
+    assert counting.stages(longer)[-3:] == ((40, 0), (48, 0), (48, 1))
 
 
 def test_several_threads_get_what_one_gets():
     counting, record = Counting(), line(30)
     with ThreadPoolExecutor(4) as pool:
-        found = list(pool.map(lambda k: counting.stages.after(record.until(k)), [30, 20, 30, 10]))
-    alone = Counting().stages.after(record)
+        found = list(pool.map(lambda k: counting.stages(record.until(k)), [30, 20, 30, 10]))
+    alone = Counting().stages(record)
     assert [found[k] == alone[:n] for k, n in enumerate((30, 20, 30, 10))] == [True] * 4
 
 
@@ -103,9 +103,16 @@ def test_a_function_of_a_record_is_computed_once_for_each_of_the_latest_records(
     for count in (3, 2, 3, 2, 3):
         assert remembered(line(count)) == count
     assert asked == [3, 2]
-    assert remembered.get(line(3)) == 3
-    assert remembered.get(line(4)) is None
+    assert line(3) in remembered
+    assert line(4) not in remembered
     for count in range(5, 25):
         remembered(line(count))
-    assert remembered.get(line(3)) is None  # the oldest ones are forgotten
+    assert line(3) not in remembered  # the oldest ones are forgotten
     assert remembered(line(3)) == 3
+
+
+def test_that_nothing_is_known_is_remembered_too():
+    asked = []
+    remembered = Remembered(asked.append)
+    assert [remembered(line(3)), remembered(line(3))] == [None, None]
+    assert len(asked) == 1

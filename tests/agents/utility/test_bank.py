@@ -6,10 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from contracts.proposals import HALF, MIXED, RARE, RING, SMALL, STAIRS, TINY
-from prefcal_agents.people import Bank, columns_of
+from prefcal_agents.people import Bank
 from prefcal_agents.search import latin_hypercube
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preferences.answer import Outcome
+from prefcal_env.preferences.history import KPIValues
 
 THETAS = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])
 SPACES = {
@@ -26,7 +27,7 @@ SPACES = {
 
 
 def bank_of(*outcomes):
-    return Bank.of(THETAS / 10, THETAS, columns_of([Outcome(o) for o in outcomes]))
+    return Bank.of(THETAS / 10, THETAS, KPIValues.of([Outcome(o) for o in outcomes]))
 
 
 def test_a_theta_is_found_by_its_value_and_only_if_it_was_simulated():
@@ -38,7 +39,7 @@ def test_a_theta_is_found_by_its_value_and_only_if_it_was_simulated():
 
 def test_a_theta_is_kept_once_in_the_order_simulated():
     thetas = np.array([[5.0, 6.0], [1.0, -0.0], [5.0, 6.0], [1.0, 0.0], [0.0, 9.0]])
-    bank = Bank.of(thetas / 10, thetas, {"a": np.arange(5.0)})
+    bank = Bank.of(thetas / 10, thetas, KPIValues(("a",), np.arange(5.0)[:, None]))
     assert bank.thetas.tolist() == [[5.0, 6.0], [1.0, 0.0], [0.0, 9.0]]
     assert bank.kpis[:, 0].tolist() == [0, 1, 4]
     assert np.array_equal(bank.z, bank.thetas / 10)
@@ -59,7 +60,7 @@ def test_what_is_simulated_could_be_shown_to_the_last_bit(name):
 @given(outcomes=st.lists(st.dictionaries(st.sampled_from("abcd"), st.floats()), min_size=1, max_size=12))
 def test_any_outcomes_make_a_bank_of_numbers(outcomes):
     thetas = np.arange(float(len(outcomes)))[:, None]
-    bank = Bank.of(thetas, thetas, columns_of([Outcome(o) for o in outcomes]))
+    bank = Bank.of(thetas, thetas, KPIValues.of([Outcome(o) for o in outcomes]))
     known = {name for o in outcomes for name, v in o.items() if not np.isnan(v)}
     assert bank.names == tuple(sorted(known))
     assert bank.kpis.shape == (len(outcomes), len(known))

@@ -186,7 +186,7 @@ def study(twin, n_max=9):
 
 def test_where_kpis_differ_every_fourth_theta_is_one_of_those_that_fill_the_space():
     agent = study(biased)
-    stage = agent._stages(agent.history)
+    stage = agent.stage(agent.history)
     filling = {theta.tobytes() for theta in stage.bank.thetas[stage.spread]}
     shown = [theta.tobytes() in filling for theta in agent.samples]
     assert [shown[4], shown[8]] == [True, True]

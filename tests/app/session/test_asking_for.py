@@ -80,7 +80,7 @@ def test_resumed_undone_and_retracted_it_stays_what_was_asked_for(tmp_path):
     again = reopened(toy, path)
     now = proceed(again)
     assert now.question.challenger.experiment.theta.tolist() == WANTED.tolist()
-    assert again._flow.agent.history == again.file.state.history.bare()
+    assert again._flow.agent.history == again.file.state.history
     again.steps.retract(1)
     now = proceed(again)
     assert now.question.challenger.experiment.theta.tolist() == WANTED.tolist()
@@ -91,7 +91,7 @@ def test_resumed_undone_and_retracted_it_stays_what_was_asked_for(tmp_path):
     assert now.state.requested == {3}
     again.steps.undo(now.version)
     assert proceed(again).state.requested == set()
-    assert again._flow.agent.history == again.file.state.history.bare()
+    assert again._flow.agent.history == again.file.state.history
     again.file.close()
     assert verify(path) == ()
 

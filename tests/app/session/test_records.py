@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import pytest
 
-from prefcal_agents.lessons import kpis_of
 from prefcal_app.session import Choice, Given, Phase
 from prefcal_app.summary import foreseen
 from prefcal_app.view import now_view, status_view
@@ -117,7 +116,7 @@ def test_replacing_a_compared_record_retracts_its_answers_and_corrects_its_kpis(
     assert Mark.CHALLENGER_UNSAFE not in closed.answer.marks
     assert closed.answer.outcomes[0]["highest"] == 7.5
     history = interview._flow.agent.state.history
-    assert [o["highest"] for o in kpis_of(history)] == [8.0, 7.5]
+    assert [history.kpis.outcome(row)["highest"] for row in (0, 1)] == [8.0, 7.5]
     with pytest.raises(RecordError, match="compared already"):
         interview.steps.record(Given(1, csv(6.0), theta=(0.5, 20.0, 1.0)))
 

@@ -93,6 +93,60 @@ def test_the_best_after_each_answer_is_the_best_of_the_record_until_then(steps):
     assert alone.incumbents() == tuple(until)
 
 
+def kept(**changes):
+    """A record of two samples and one answer with circumstances, changed."""
+    samples = tuple(Sample((z,), (z,)) for z in (0.1, 0.2, 0.3))
+    first = Comparison(0, None, Answer(None, outcomes=({"a": 1.0}, None)), seq=4)
+    second = Comparison(1, 0, Answer(1), seq=8, at="noon", question=7, comment="slow")
+    return History(samples, (first, replace(second, **changes)))
+
+
+def test_the_key_of_a_record_does_not_depend_on_circumstances():
+    without = kept(seq=0, at="", question=None, comment="", challenger_left=True, blind=True)
+    again = kept().recorded(Comparison(1, 0, Answer(0), repeats=7))
+    assert {kept().key, without.key, again.key, kept(answer=Answer(1, strength=1.0)).key} == {kept().key}
+
+
+def test_the_key_of_a_record_depends_on_all_that_agents_go_by():
+    others = [
+        kept(retracted=True),
+        kept(after=2),
+        kept(incumbent=None),
+        *(kept(answer=a) for a in (Answer(-1), Answer(1, strength=2.0), Answer(1, value=0.5))),
+        kept(answer=Answer(1, marks=(Mark.INCUMBENT_UNSAFE,))),
+        kept(answer=Answer(1, outcomes=({"a": -1.0}, None))),
+        kept(answer=Answer(1, outcomes=({"a": -2.0}, None))),  # Python's hash of both is the same
+        kept(answer=Answer(1, outcomes=({"a": np.inf}, None))),
+        kept().with_best(1),
+        kept().with_follow_up(Answer(0), 1, 0),
+        kept().with_another(in_cube([0.4])),
+        kept().with_pending(in_cube([0.4])),
+        kept().until(1),
+    ]
+    assert len({kept().key, *(other.key for other in others)}) == len(others) + 1
+
+
+def test_the_kpis_of_samples_are_one_table_with_what_was_told_first():
+    def answer(preference, new, old):
+        return Answer(preference, outcomes=(new, old))
+
+    history = History()
+    for told in (
+        answer(None, {}, None),
+        answer(1, {"b": np.inf, "a": 1.0}, {"a": 3.0}),
+        answer(1, None, {"a": 9.0}),
+        Answer(-1),
+    ):
+        history = history.with_pending(in_cube([history.answered / 50])).with_answer(told, 0)
+    history = history.with_pending(in_cube([0.5])).retracted(1)
+    assert history.kpis.names == ("a", "b")
+    told = [[3.0, np.nan], [1.0, np.inf], [np.nan, np.nan], [np.nan, np.nan]]
+    assert np.array_equal(history.kpis.values, told, equal_nan=True)
+    assert history.kpis.outcome(0) == {"a": 3.0}
+    assert history.kpis.outcome(2) is None
+    assert History().kpis.values.shape == (0, 0)
+
+
 @given(STEPS)
 def test_what_is_held_for_the_best_stands_until_the_next_answer(steps):
     *_, history = after(steps)
@@ -100,7 +154,6 @@ def test_what_is_held_for_the_best_stands_until_the_next_answer(steps):
         held = history.with_best(index)
         assert held.incumbent == index or index in history.unsafe()
         assert held.by_answers == history.by_answers
-        assert held.bare().incumbent == held.incumbent
         after_it = held.with_pending(in_cube([0.9, 0.9])).with_answer(Answer(None), held.incumbent)
         assert after_it.incumbent == after_it.by_answers
         assert after_it.incumbents()[-2] == held.incumbent
