@@ -28,6 +28,9 @@ USUAL: Mapping[Kind, float] = {
     "task": 0.2,
 }
 """Usual relative change of each kind."""
+BEYOND: Mapping[Kind, str] = {"sensor": "sensors", "actuator": "actuators", "task": "task"}
+"""Kinds that a robust study does not vary, and their names: judged by all, it would end at less than half of
+the worth (docs/research/verification.md)."""
 CHANGE, SIZE, NARROWER = USUAL["parameter"], USUAL["dead time"], USUAL["actuator"]
 """Relative changes: of parameters; of dead time, loads and references; of the ranges of inputs."""
 LEAST = 0.01
@@ -63,6 +66,11 @@ class Factor:
     possible: tuple[float, float] = ANY
     step: float = 0.0
     stated: bool = False
+
+    @property
+    def robust(self) -> bool:
+        """Return whether a robust study varies it, too."""
+        return self.kind not in BEYOND
 
     @classmethod
     def around(

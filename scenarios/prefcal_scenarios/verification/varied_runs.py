@@ -28,7 +28,6 @@ from .result import UNKNOWN, Robustness, Verification, VerifiedRun, margins_at, 
 
 STEPS = (2, 8, 32, 100, 300)
 """Numbers of runs after which those of a candidate end that has not kept the limits."""
-_PLANT = ("parameter", "dead time")  # kinds of factors that vary, in their usual ranges
 _APART = 2**40
 """Distance of the seed of the variations: `verify` draws others, so that it can judge what is found."""
 Theta = Float[np.ndarray, " n"]
@@ -56,7 +55,7 @@ class Perturbed(Source):
     def _case(self, k: int) -> tuple[Source, int]:
         """Return the source of run k and the seed of its noise; candidates share them."""
         if k not in self._cases:
-            factors = [each for each in self._varied.factors if each.kind in _PLANT]
+            factors = [each for each in self._varied.factors if each.robust]
             seed = self._seed + _APART
             noise = int(np.random.default_rng([seed, k, 1]).integers(2**31))
             self._cases[k] = self._varied.at(drawn(factors, seed, k)), noise
