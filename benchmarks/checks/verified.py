@@ -1,6 +1,7 @@
 """Compare `prefcal verify` with a Monte Carlo of other code: 20 PID loops, sound and fragile.
 
-    python benchmarks/checks/verified.py            # all, with 299 and 3,000 plants: two minutes of one core
+    python benchmarks/checks/verified.py            # all, with 299 and 3,000 plants: a quarter of an hour
+    python benchmarks/checks/verified.py --runs 100 # fewer plants, as in docs/research
     python benchmarks/checks/verified.py --quick    # one plant: seconds
 
 `monte_carlo.py`, which shares no code with prefcal, judges each plant that `verify` drew, one by one, and
