@@ -58,7 +58,6 @@ class World:
     starter: str = ""
     system: str = ""
     equations: bool = False
-    varies: bool = False
     unit: Mapping[str, str] = field(default_factory=dict)
     usage: Mapping[str, Sequence[str]] = field(default_factory=dict)
 

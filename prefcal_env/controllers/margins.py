@@ -460,3 +460,7 @@ class MarginKPIs:
             "delay_margin": min(found.delay, 1e4 * make().T_s),
             "disk_margin": found.disk,
         }
+
+    def around(self, env: PlantEnv) -> "MarginKPIs":
+        """Return the same margins in a varied environment, of the controller itself: what sticks has none."""
+        return MarginKPIs(ClosedLoop(env, self.loop.controller))

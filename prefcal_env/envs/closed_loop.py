@@ -9,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.errors import ExperimentError, SettingsError
+from prefcal_env.errors import ExperimentError, ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import (
     Channels,
     Controller,
@@ -20,7 +20,14 @@ from prefcal_env.experiments.experiment import (
     Move,
     Record,
 )
+from prefcal_env.plants.jacobians import U, Y
+from prefcal_env.plants.plant import Disturbed
+from prefcal_env.sources.source import Function, Source, Varied
 from prefcal_env.wording import brief, place_in_code
+
+from .plant_env import PlantEnv
+from .task import Task
+from .varied_loop import ENDS, VariedLoop, Worn, moves_of
 
 
 class ClosedLoopEnv(Protocol):
@@ -137,7 +144,9 @@ class ClosedLoop:
     Args:
         env: Plant environment, its id, or a function that makes it.
         controller: Function that makes a new controller from a physical θ, shape (n,).
-        kpis: Function that returns the key performance indicators of an experiment by name.
+        kpis: Function that returns the key performance indicators of an experiment by name. If they
+            depend on plant and task, it has `around(env)`, which returns those of another environment,
+            and `targets`, the index and the reference of each output that steps.
 
     Raises:
         SettingsError: If `env` or `controller` is none of these.
@@ -172,3 +181,27 @@ class ClosedLoop:
     def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
         """Run a physical θ, shape (n,)."""
         return rollout(self._env, self.controller(theta), theta, seed=seed, kpis=self.kpis)
+
+    def varied(self) -> Varied:
+        """Return what varies in the loop. Raises ScenarioError if its environment is no `PlantEnv`."""
+        env = self.env
+        if not isinstance(env, PlantEnv):
+            raise ScenarioError(
+                "only the loop of a PlantEnv can be varied, since it says its plant and task: "
+                f"make its environment one, got {type(env).__name__}"
+            )
+        plant, task, targets = env.plant, env.task, getattr(self.kpis, "targets", ())
+        moves = moves_of(plant, task, plant.outputs, targets, ENDS) if targets else ()
+        why = "a limit of the plant is near" if targets else "the KPIs are those of this step"
+        said = () if moves else (f"references and start are not varied: {why}",)
+        jitters = not getattr(plant, "sample_time", 0.0)
+        loop = VariedLoop(plant, task, self._built, self.controller, jitters=jitters, moves=moves)
+        return loop.varied(*said)
+
+    def _built(self, plant: Disturbed, task: Task, grain: Y, play: U) -> Source:
+        def worn(theta: Float[np.ndarray, " n"]) -> Controller:
+            return Worn(self.controller(theta), grain, play, plant.inputs)
+
+        env, around = PlantEnv(plant, task), getattr(self.kpis, "around", None)
+        kpis = self.kpis if around is None else around(env)
+        return Function(ClosedLoop(env, worn if grain.any() or play.any() else self.controller, kpis))

@@ -47,8 +47,9 @@ class Plant(Protocol, metaclass=_PlantType):
     More attributes are optional: `input_delay` and `output_delay`, tuples with the dead time of
     each input and output, which environments apply; `entry_delay`, rows with that from each input
     to each output, and with it `entries(x, u, d)`, what each input, and last anything else, adds to
-    the outputs; and `sample_time`, of whose multiples the sampling time of a controller must be
-    one.
+    the outputs; `sample_time`, of whose multiples the sampling time of a controller must be one;
+    and `scaled(rates, gains, later)`, which returns the plant with faster states, larger gains of
+    the inputs and longer dead time, each times as much.
     """
 
     @property

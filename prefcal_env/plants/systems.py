@@ -486,6 +486,12 @@ class LinearPlant:
         """Sample time of a discrete plant, in `time_unit`; 0 if the plant is continuous."""
         return self.system.dt
 
+    @property
+    def named_matrices(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """A and B with a row for each time constant: none if it is discrete; None if states have no names."""
+        rows = 0 if self.sample_time else len(self.states)
+        return (self.system.A[:rows], self.system.B[:rows]) if self.has_named_states else None
+
     def f(self, x: X, u: U, d: D) -> X:
         """Return the state derivative, per `time_unit`.
 

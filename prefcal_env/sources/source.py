@@ -7,16 +7,20 @@ from functools import partial
 from inspect import signature
 from math import inf, nan
 from types import MappingProxyType
-from typing import Any, Literal, cast
+from typing import Any, Literal, Protocol, cast
 
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.arrays import is_number
 from prefcal_env.errors import ExperimentError, ScenarioError
 from prefcal_env.experiments.experiment import Channel, Channels, Experiment, KPIs
 from prefcal_env.experiments.kpis import conversion_of
 from prefcal_env.experiments.panels import MEAN, check_channels, check_name, combined, named
 from prefcal_env.knobs import Knob, KnobSpace
+from prefcal_env.plants.plant import Plant
+
+from .varied import CHANGE, Factor, Values
 
 
 class Stage(Enum):
@@ -181,6 +185,35 @@ _ONLY_A_PERSON: Mapping[Asks, str] = {
 }
 
 
+class KnownLoop(Protocol):
+    """A closed loop that is known as equations, so that it has margins."""
+
+    @property
+    def plant(self) -> Plant:
+        """Plant of the study."""
+
+    @property
+    def task(self) -> Any:
+        """`Task` of the study."""
+
+    @property
+    def controller(self) -> Callable[[Float[np.ndarray, " n"]], Any]:
+        """Function of a physical θ, shape (n,), that makes the controller."""
+
+
+@dataclass(frozen=True, slots=True)
+class Varied:
+    """What can be varied of a source, and the source with other values."""
+
+    factors: tuple[Factor, ...]  # what can be varied, by how much, and where the range comes from
+    left_out: tuple[str, ...]  # what cannot be, and why, a sentence each
+    at: "Callable[[Values], Source]"  # function of values; the controller stays as it is designed
+    loop: KnownLoop | None = None  # the loop without variation; None if it is not known as equations
+
+
+RIG = "it runs on a rig or a live plant, which cannot be varied: verify a model of it"
+
+
 class Source:
     """Whatever turns θ into an experiment.
 
@@ -299,6 +332,20 @@ class Source:
         if self.channels is not None and self.signals is not None:
             yield from formula_problems(kpis, self.channels, self.signals)
 
+    def varied(self) -> Varied:
+        """Return what can be varied of the source, by how much, and what cannot be, and why.
+
+        Raises:
+            ScenarioError: If nothing can; the message says what to add.
+        """
+        raise ScenarioError(
+            RIG
+            if self.asks
+            else "nothing of it can be varied, since it is only a function of θ: give the parameters of its "
+            "plant as arguments with a default, such as run(theta, seed=0, mass=1.2), or run it as a "
+            "ClosedLoop"
+        )
+
     def close(self) -> None:
         """Release what the source holds, such as a connection."""
 
@@ -360,6 +407,16 @@ class WithKPIs(Source):
         """Release what the source holds."""
         self.source.close()
 
+    def varied(self) -> Varied:
+        """Return what can be varied of the source; KPIs with a function `around(env)` go with its plant."""
+        found = self.source.varied()
+        return replace(found, at=partial(self._at, found.at))
+
+    def _at(self, at: Callable[[Values], Source], values: Values) -> Source:
+        made = at(values)
+        env, around = getattr(function_of(made), "env", None), getattr(self.kpis, "around", None)
+        return WithKPIs(made, around(env) if env is not None and around is not None else self.kpis)
+
     def within(self, space: KnobSpace) -> Source:
         """Return the same for the ranges of `space`, if the source takes them."""
         return WithKPIs(self.source.within(space), self.kpis)
@@ -390,10 +447,15 @@ class Function(Source):
 
     Args:
         function: Function `run(theta, seed=0)` that returns an experiment.
+        varied: Function that returns what can be varied of it, and takes an argument `space` if
+            `function` does; None for its own `varied`, or its arguments with a default.
     """
 
-    def __init__(self, function: Callable[..., Experiment]) -> None:
+    def __init__(
+        self, function: Callable[..., Experiment], varied: Callable[..., Varied] | None = None
+    ) -> None:
         self.function = function
+        self._varied = varied or getattr(function, "varied", None)
         channels = getattr(function, "channels", None)
         self.channels = channels if isinstance(channels, Channels) else None
         self.signals = getattr(function, "signals", None)
@@ -406,7 +468,31 @@ class Function(Source):
 
     def within(self, space: KnobSpace) -> Source:
         """Return the same function for the ranges of `space`, if it takes an argument `space`."""
-        return Function(with_space(self.function, space))
+        return Function(with_space(self.function, space), with_space(self._varied, space))
+
+    def varied(self) -> Varied:
+        """Return what it says, or the numbers that it takes with a default, besides θ and the seed.
+
+        A whole one may be a count, which cannot change a little.
+        """
+        if self._varied is not None:
+            return self._varied()
+        given = signature(self.function).parameters.values()
+        found = {p.name: p.default for p in given if p.name not in _OURS and is_number(p.default)}
+        numbers = {name: float(value) for name, value in found.items() if isinstance(value, float)}
+        if not numbers:
+            return super().varied()
+        factors = (Factor.around(name, "parameter", CHANGE, value) for name, value in numbers.items())
+        said = ["only arguments of its run are varied: sensors, actuators and the task are in its code"]
+        if whole := ", ".join(name for name in found if name not in numbers):
+            said += [f"whole numbers are not varied, write 2.0 for 2 where they can be: {whole}"]
+        return Varied(tuple(factors), tuple(said), self._with_arguments)
+
+    def _with_arguments(self, values: Values) -> Source:
+        return Function(partial(self.function, **values))
+
+
+_OURS = ("theta", "seed", "space")
 
 
 def with_space(function: Any, space: KnobSpace) -> Any:
@@ -492,6 +578,26 @@ class Maneuvers(Source):
         """
         done = [_run(name, part, theta, seed) for name, part in self.maneuvers.items()]
         return combined(done, higher_is_better=self.higher_is_better, targets=self.targets)
+
+    def varied(self) -> Varied:
+        """Return what varies in all maneuvers together; margins are those of the first one.
+
+        A value that differs from its nominal one does so by the same share in each maneuver.
+        """
+        parts = {name: part.varied() for name, part in self.maneuvers.items()}
+        first = {f.name: f for part in reversed(parts.values()) for f in part.factors}
+        said = dict.fromkeys(text for part in parts.values() for text in part.left_out)
+        at = partial(self._at, parts, first)
+        return Varied(tuple(first.values()), tuple(said), at, next(iter(parts.values())).loop)
+
+    def _at(self, parts: Mapping[str, Varied], first: Mapping[str, Factor], values: Values) -> "Maneuvers":
+        def own(factors: Iterable[Factor]) -> Iterator[tuple[str, float]]:
+            for f in (f for f in factors if f.name in values):
+                nominal = first[f.name].nominal
+                yield f.name, (f.nominal / nominal if nominal else 1.0) * values[f.name]
+
+        made = {name: part.at(dict(own(part.factors))) for name, part in parts.items()}
+        return Maneuvers(made, higher_is_better=self.higher_is_better, targets=self.targets)
 
     def problems(self, kpis: Iterable[Any]) -> Iterator[str]:
         """Yield the KPIs whose worst maneuver would be one of the better ones."""

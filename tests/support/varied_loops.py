@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
+from prefcal_env.envs.varied_plant import at_rest
+from prefcal_env.sources.varied import drawn
 from prefcal_scenarios import load
-from prefcal_scenarios.verification.loops import subject_of
-from prefcal_scenarios.verification.plants import at_rest, drawn
 
 
 def found(scenario):
-    return subject_of(scenario.source, scenario.space)
+    return scenario.source.varied()
 
 
 def varied(name, values):
@@ -22,7 +22,7 @@ def middle(scenario):
 
 
 def assert_it_starts_at_rest_where_the_study_does(name):
-    loop, subject = load(name).run.__self__, found(load(name))
+    loop, subject = load(name).run.function.__self__, found(load(name))
     first = loop.plant.measured[0]
     for k in range(6):
         values = drawn(subject.factors, 3, k)

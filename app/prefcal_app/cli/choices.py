@@ -51,7 +51,6 @@ from prefcal_env.study import (
 from prefcal_env.study.file import left_beside
 from prefcal_env.units import conversion
 from prefcal_env.wording import did_you_mean, in_words, located
-from prefcal_scenarios import verification
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.names import is_built_in
 from prefcal_scenarios.own import fingerprint, module_at
@@ -267,7 +266,7 @@ def _simulating_problems(options: Options, scenario: Scenario) -> Iterator[str]:
             "Scenario(..., simulated=True)"
         )
     if options.robust:
-        verification.loops.subject_of(model.source.elsewhere.here, model.space)
+        model.source.elsewhere.here.varied()
 
 
 def _score_problems(options: Options, scenario: Scenario) -> Iterator[str]:

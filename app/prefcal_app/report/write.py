@@ -22,13 +22,13 @@ from prefcal_env.errors import ScenarioError, StaleError
 from prefcal_env.experiments.experiment import Channel, End, Experiment
 from prefcal_env.plants.jacobians import U
 from prefcal_env.sources.source import function_of
+from prefcal_env.sources.varied import Ranges
 from prefcal_scenarios import verification
 from prefcal_scenarios.isolated import DEFAULT_LIMIT
 from prefcal_scenarios.runs import Progress
 from prefcal_scenarios.scenario import Picture, Scenario
 from prefcal_scenarios.style import png, style
 from prefcal_scenarios.verification import Verification, verify
-from prefcal_scenarios.verification.plants import Ranges
 from prefcal_scenarios.verification.result import BEST, STATED, Verified, VerifiedRun, WorstRun, margins_said
 from prefcal_scenarios.verification.result import FILE as VERIFICATION
 from prefcal_scenarios.verification.varied_runs import RUNS, replays, unvaried
@@ -180,8 +180,8 @@ def unverified(record: StudyRecord, why: str = "") -> Answers:
     assert record.best is not None
     scenario, both = record.scenario, [record.best.experiment, record.before.experiment]
     try:
-        known = verification.loops.subject_of(scenario.source, scenario.space).margins
-        found = [known(each.theta) for each in both]
+        known = scenario.source.varied()
+        found = [verification.result.margins_at(known, each.theta) for each in both]
     except ScenarioError:  # such as a file that runs in a process of its own
         found = ["prefcal verify best.json computes them if the plant is known as equations"]
     said = margins_said(found, both[0].channels.time_unit)

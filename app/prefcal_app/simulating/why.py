@@ -8,6 +8,7 @@ from prefcal_agents.screening.agent import MOST, Certificate
 from prefcal_agents.screening.bank import ENOUGH
 from prefcal_agents.screening.findings import Alternative, Findings, Reason, RobustResult
 from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.sources.varied import BEYOND
 from prefcal_scenarios.scenario import Scenario
 from prefcal_scenarios.verification.result import breakable
 
@@ -161,7 +162,8 @@ def robust(found: RobustResult, scenario: Scenario) -> Iterator[str]:
     yield _held(found.kept, "The result", scenario)
     if found.kept < ENOUGH:
         return  # nothing was paid
-    yield "They vary the plant and the noise; prefcal verify (V) varies sensors, actuators and task, too."
+    more = _listed(list(BEYOND.values()))
+    yield f"They vary the plant and the noise; prefcal verify (V) varies {more}, too."
     kpis, parts = {kpi.name: kpi for kpi in scenario.kpis}, list[str]()
     for name, share in found.costs:
         if share is None or share >= _LEAST:

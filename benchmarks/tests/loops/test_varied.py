@@ -24,4 +24,4 @@ def test_without_a_variation_the_run_is_that_of_the_study(name):
 
 def test_a_rough_loop_says_where_its_inputs_rest():
     loop = load("rough-900")
-    assert resting(loop) == pytest.approx(loop.run.__self__.task.u0)
+    assert resting(loop) == pytest.approx(loop.run.function.__self__.task.u0)

@@ -11,6 +11,7 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, final
 
@@ -18,10 +19,12 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.arrays import is_number
-from prefcal_env.errors import KnobError, PlantError, RunError
+from prefcal_env.errors import KnobError, PlantError, RunError, ScenarioError
 from prefcal_env.experiments.experiment import Channels, End, Experiment, KPIs
 from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.knobs import Knob, KnobSpace
+from prefcal_env.sources.source import Function, Source, Varied
+from prefcal_env.sources.varied import CHANGE, Factor, Values
 from prefcal_env.tables.recorded import recorded
 from prefcal_env.workers import MARK, Terms, Worker
 
@@ -276,6 +279,35 @@ class FMULoop:
         return FMULoop(
             self.model.path, knobs, *self._shows, output_interval=interval, timeout=timeout, kpis=self.kpis
         )
+
+    def varied(self) -> Varied:
+        """Return the real parameters of the FMU that are no knobs, within its limits.
+
+        Raises:
+            ScenarioError: If it has none.
+        """
+        free = [v for v in self.model.parameters if v.name not in self.parameters and not v.whole]
+        usual = [(v, Factor.around(v.name, "parameter", CHANGE, v.start, v.unit)) for v in free if v.start]
+        factors = tuple(
+            replace(f, low=max(f.low, v.low), high=min(f.high, v.high), possible=(v.low, v.high))
+            for v, f in usual
+        )
+        if not factors:
+            raise ScenarioError(
+                "its FMU has no other real parameters with a value: export those of the plant"
+            )
+        wider = self.with_knobs([Knob(f.name, f.low, f.high, f.unit) for f in factors])
+        said = ["only parameters of the FMU are varied: sensors, actuators and the task are in it"]
+        if fixed := ", ".join(v.name for v in free if not v.start):
+            said += [f"parameters of the FMU without a value, or with 0, are not varied: {fixed}"]
+        return Varied(factors, tuple(said), partial(wider._with_parameters, factors))
+
+    def _with_parameters(self, factors: Sequence[Factor], values: Values) -> Source:
+        return Function(partial(self._attempt, [values.get(f.name, f.nominal) for f in factors]))
+
+    def _attempt(self, more: list[float], theta: Any, seed: int = 0) -> Experiment:
+        """Return the experiment of θ, shape (n,), with values of the knobs behind it."""
+        return replace(self.attempt(np.array([*theta, *more])), theta=theta)
 
     def close(self) -> None:
         """End the process and remove its files now rather than at exit; a further run restarts."""

@@ -1,6 +1,7 @@
 """The reactor of section IV-A: its MPC, its KPIs with the paper's index, and the scenario."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from math import inf
 from typing import Any
@@ -10,13 +11,15 @@ from jaxtyping import Float
 
 from prefcal_env.calibrators import Criterion, LatentCost, Lexicographic
 from prefcal_env.envs.canvas import makes
-from prefcal_env.envs.closed_loop import rollout
+from prefcal_env.envs.closed_loop import ClosedLoop, rollout
 from prefcal_env.envs.cstr import BAND, HORIZON, MAX_MOVE, START, TARGET, UNSAFE_TEMPERATURE, cstr_env
 from prefcal_env.envs.tuning_env import TuningEnv, same_step_vector, sampled_at
 from prefcal_env.experiments.experiment import Controller, End, Experiment
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.mpc import EstimatingMPC, EstimatorSettings, LinearMPC, MPCSettings, control_horizon
 from prefcal_env.plants.cstr import CSTR
+from prefcal_env.sources.source import Function, Varied
+from prefcal_env.sources.varied import within
 from prefcal_scenarios.scenario import KPI, Panel, Scenario, described
 
 # --- Describe the reactor for the person who compares: the task, its knobs and its KPIs.
@@ -209,6 +212,16 @@ def run(
     return rollout(loop, controller(theta, space=space), theta, seed=seed, kpis=compute_kpis)
 
 
+def varied(space: KnobSpace = SPACE) -> Varied:
+    """Return what varies of the reactor, for θ in `space`.
+
+    An exponent changes the rate by e^0.3 for 1 %, and the gas constant does not change.
+    """
+    found = ClosedLoop(cstr_env(), partial(controller, space=space), compute_kpis).varied()
+    factors = within(found.factors, {"E": 0.01, "R": 0.0})
+    return replace(found, factors=tuple(replace(each, stated=False) for each in factors))
+
+
 def synthetic(seed: int = 0) -> LatentCost:
     """Return a calibrator that prefers the lower performance index, whatever the `seed`."""
     return LatentCost(performance_index, seed=seed)
@@ -242,7 +255,7 @@ cstr = Scenario(
     name="cstr",
     title="CSTR steady-state switch",
     space=SPACE.described(_KNOB_WORDS),
-    run=run,
+    run=Function(run, varied),
     cost=performance_index,
     kpis=described(KPIS, _KPI_WORDS),
     panels=PANELS,

@@ -50,8 +50,14 @@ class Measure:
     design: Design  # what was chosen for the plant
     laws: Laws  # controllers of all θ
 
-    def around(self, plant: Plant, task: Task) -> "Measure":
-        """Return the same KPIs of another plant, which starts and steps as `task` says."""
+    @property
+    def targets(self) -> list[tuple[int, float]]:
+        """Index and reference of each output that steps, in the order of the loops."""
+        return [(each.output, each.target) for each in self.design.loops]
+
+    def around(self, env: PlantEnv) -> "Measure":
+        """Return the same KPIs of another plant, which starts and steps as its task says."""
+        plant, task = env.plant, env.task
         d, phase = task.disturbance(0.0), self.design.phase
         found, y = self.design.around(plant, task.x0, task.u0, d), plant.g(task.x0, task.u0, d)
         steps = ((loop, loop.output, task.reference(k * phase)) for k, loop in enumerate(found.loops))

@@ -1,7 +1,7 @@
 """Verification: does a tuning hold if the plant is not exactly as it was modeled?
 
-`plants` has what varies of a plant, and `loops` of any closed loop or other source. `varied_runs` runs the
-variations on all cores, and `result` is what came of them and what is kept of it.
+A source says what can be varied of it (`Source.varied`). `varied_runs` runs the variations on all cores, and
+`result` is what came of them and what is kept of it.
 """
 
 from typing import TYPE_CHECKING
@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 from prefcal_env.on_first_use import public_names
 
 if TYPE_CHECKING:
-    from .plants import Factor as Factor
     from .result import Verification as Verification
     from .varied_runs import replay as replay
     from .varied_runs import verify as verify

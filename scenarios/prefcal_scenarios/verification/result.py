@@ -3,23 +3,23 @@
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 from scipy.special import betaincinv
 
-from prefcal_env.controllers.margins import UNCONSTRAINED, UNSTABLE, Margins
+from prefcal_env.controllers.margins import UNCONSTRAINED, UNSTABLE, Margins, margins
 from prefcal_env.disk import digest_of, write_durably
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import End
 from prefcal_env.plain import from_plain, to_plain
+from prefcal_env.sources.source import Varied
+from prefcal_env.sources.varied import Factor
 from prefcal_scenarios.runs import HasKPIs
 from prefcal_scenarios.scenario import KPI, Scenario
 from prefcal_scenarios.wording import knob_number, labeled, limits_text, number, objective, quantity
-
-from .plants import Factor
 
 # --- What came of a verification, as frozen data, and what follows from it.
 
@@ -57,6 +57,19 @@ class Robustness:
         values = [float(run.kpis[kpi]) for run in self.runs if kpi in run.kpis]
         low, high = np.quantile(values or [np.nan], (0.05, 0.95), method="nearest").tolist()
         return low, high
+
+
+UNKNOWN = "no margins: the plant is not known as equations, so it cannot be linearized"
+
+
+def margins_at(known: Varied, theta: Float[np.ndarray, " n"]) -> Margins | str:
+    """Return the margins of a physical θ, shape (n,), where the study starts, or why there are none."""
+    if known.loop is None:
+        return UNKNOWN
+    try:
+        return margins(known.loop.plant, known.loop.task, partial(known.loop.controller, theta))
+    except Exception as error:  # people's own plants and controllers can raise anything
+        return f"no margins: {error}"
 
 
 @dataclass(frozen=True, slots=True)

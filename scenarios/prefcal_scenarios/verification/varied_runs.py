@@ -15,21 +15,19 @@ from prefcal_env.errors import KnobError, ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import Experiment, returned
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preferences.answer import Outcome, Reading
-from prefcal_env.sources.source import Source
+from prefcal_env.sources.source import RIG, Source, Varied
+from prefcal_env.sources.varied import Factor, Ranges, Values, drawn, within
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.isolated import DEFAULT_LIMIT
 from prefcal_scenarios.runs import FailedRun, HasKPIs, Progress, simulate_iter, simulate_many
 from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
 
-from .loops import RIG, subject_of
-from .plants import Factor, Ranges, Subject, Values, drawn, unknown_plant, within
-from .result import Robustness, Verification, VerifiedRun, problems_of
+from .result import UNKNOWN, Robustness, Verification, VerifiedRun, margins_at, problems_of
 
 # --- The perturbed runs of a candidate in a robust study: which there are, and how many keep the limits.
 
 STEPS = (2, 8, 32, 100, 300)
 """Numbers of runs after which those of a candidate end that has not kept the limits."""
-_PLANT = ("parameter", "dead time")  # kinds of factors that vary, in their usual ranges
 _APART = 2**40
 """Distance of the seed of the variations: `verify` draws others, so that it can judge what is found."""
 Theta = Float[np.ndarray, " n"]
@@ -57,15 +55,15 @@ class Perturbed(Source):
     def _case(self, k: int) -> tuple[Source, int]:
         """Return the source of run k and the seed of its noise; candidates share them."""
         if k not in self._cases:
-            factors = [each for each in self._subject.factors if each.kind in _PLANT]
+            factors = [each for each in self._varied.factors if each.robust]
             seed = self._seed + _APART
             noise = int(np.random.default_rng([seed, k, 1]).integers(2**31))
-            self._cases[k] = self._subject.at(drawn(factors, seed, k)), noise
+            self._cases[k] = self._varied.at(drawn(factors, seed, k)), noise
         return self._cases[k]
 
     @cached_property
-    def _subject(self) -> Subject:
-        return subject_of(self._source.here, self._space)
+    def _varied(self) -> Varied:
+        return self._source.here.varied()
 
 
 def runs_kept(
@@ -164,16 +162,16 @@ def verify(
     integer("seed", seed, low=0, error=SettingsError)
     found = _scenario(scenario, theta)
     thetas = [found.space.check(np.asarray(each, dtype=float)) for each in (theta, start) if each is not None]
-    found, subject = _with_kpis(found, thetas[0], seed, timeout), _subject(found)
-    factors = within(subject.factors, ranges or {})
+    found, known = _with_kpis(found, thetas[0], seed, timeout), _varied(found)
+    factors = within(known.factors, ranges or {})
     if not factors:
         raise SettingsError("nothing varies: all ranges are 0")
-    tunings = list(_nominally(found, subject, thetas, seed, timeout))
-    factors, unfair = _fair(found, subject, factors, tunings[0], timeout)
+    tunings = list(_nominally(found, known, thetas, seed, timeout))
+    factors, unfair = _fair(found, known, factors, tunings[0], timeout)
     cases = tuple(_cases(factors, len(tunings), runs, seed))
     if jobs is None and timeout is None and _seconds(found, thetas[0], clock) * len(cases) <= _QUICK:
         jobs = 1
-    varied = Variations(subject.at, tuple(thetas), cases)
+    varied = Variations(known.at, tuple(thetas), cases)
     limit = timeout if timeout is not None or jobs == 1 else DEFAULT_LIMIT  # a varied plant may never end
     results = zip(cases, _done(varied, jobs, limit, progress, clock), strict=False)
     made = [_run(found, tunings[case.which].nominal, case, result) for case, result in results]
@@ -182,7 +180,7 @@ def verify(
         replace(each, runs=tuple(part))
         for each, part in zip(tunings, (made[:runs], made[alone:]), strict=False)
     )
-    left_out = (*subject.left_out, *unfair)
+    left_out = (*known.left_out, *unfair)
     kept = before[0] if before and before[0].runs else None
     return Verification(
         found.name, found.kpis, factors, left_out, runs, tuning, kept, tuple(made[runs:alone])
@@ -192,7 +190,7 @@ def verify(
 def unvaried(scenario: Scenario, theta: Float[np.ndarray, " n"], made: HasKPIs) -> Verification:
     """Return what can be said of a run of a rig or a live plant: whether it kept the stated limits."""
     problems = problems_of(scenario.kpis, made, None)
-    tuning = Robustness(theta, VerifiedRun({}, 0, made.end, made.kpis, problems), unknown_plant(theta))
+    tuning = Robustness(theta, VerifiedRun({}, 0, made.end, made.kpis, problems), UNKNOWN)
     return Verification(scenario.name, scenario.kpis, (), (RIG,), 0, tuning, None, ())
 
 
@@ -213,7 +211,7 @@ def replays(
         ScenarioError: If one fails there.
     """
     cases = [_Case(0, dict(run.values), run.seed) for run in runs]
-    return _experiments(Variations(_subject(scenario).at, [np.array(theta, dtype=float)], cases), timeout)
+    return _experiments(Variations(_varied(scenario).at, [np.array(theta, dtype=float)], cases), timeout)
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,10 +260,10 @@ def _with_kpis(
     return with_found_kpis(scenario, made)
 
 
-def _subject(scenario: Scenario) -> Subject:
+def _varied(scenario: Scenario) -> Varied:
     """Return what of a scenario can vary, with its name in an error."""
     try:
-        return subject_of(scenario.source, scenario.space)
+        return scenario.source.varied()
     except ScenarioError as error:
         raise ScenarioError(f"scenario {scenario.name!r} cannot be verified: {error}") from error
 
@@ -292,24 +290,16 @@ def _experiments(varied: Variations, timeout: float | None) -> list[Experiment]:
 
 
 def _nominally(
-    scenario: Scenario,
-    subject: Subject,
-    thetas: list[Float[np.ndarray, " n"]],
-    seed: int,
-    timeout: float | None,
+    scenario: Scenario, known: Varied, thetas: list[Float[np.ndarray, " n"]], seed: int, timeout: float | None
 ) -> Iterator[Robustness]:
     """Yield how tunings do without variation, with their margins."""
     for theta, made in zip(thetas, _experiments(_as_it_is(scenario, thetas, seed), timeout), strict=True):
         run = VerifiedRun({}, seed, made.end, made.kpis, problems_of(scenario.kpis, made, None))
-        yield Robustness(theta, run, subject.margins(theta), time_unit=made.channels.time_unit)
+        yield Robustness(theta, run, margins_at(known, theta), time_unit=made.channels.time_unit)
 
 
 def _fair(
-    scenario: Scenario,
-    subject: Subject,
-    factors: tuple[Factor, ...],
-    tuning: Robustness,
-    timeout: float | None,
+    scenario: Scenario, known: Varied, factors: tuple[Factor, ...], tuning: Robustness, timeout: float | None
 ) -> tuple[tuple[Factor, ...], list[str]]:
     """Return the factors without those of two values that the nominal plant cannot stand either.
 
@@ -318,7 +308,7 @@ def _fair(
     said, nominal = dict[str, str](), tuning.nominal
     for factor in (factor for factor in factors if factor.ends):
         case = _Case(0, {factor.name: factor.low}, nominal.seed)
-        (made,) = _experiments(Variations(subject.at, [tuning.theta], [case]), timeout)
+        (made,) = _experiments(Variations(known.at, [tuning.theta], [case]), timeout)
         if problems := set(problems_of(scenario.kpis, made, nominal)) - set(nominal.problems):
             why = "; ".join(sorted(problems))
             said[factor.name] = f"{factor.name} is not varied: turned, the nominal plant fails, too ({why})"

@@ -1,12 +1,9 @@
-"""Make a scenario of an FMU, with nothing but names and numbers, and vary its other parameters."""
+"""Make a scenario of an FMU, with nothing but names and numbers."""
 
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -14,12 +11,11 @@ from jaxtyping import Float
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Channels, Experiment
 from prefcal_env.knobs import Knob
-from prefcal_env.sources.source import Function, Source
+from prefcal_env.sources.source import Varied
 from prefcal_env.workers import MARK
 from prefcal_env.worlds.fmu import FMULoop, Model, Variable, in_unit, read_model
 from prefcal_scenarios.described.description import Description
 from prefcal_scenarios.scenario import Scenario
-from prefcal_scenarios.verification.plants import CHANGE, Factor, Subject, Values
 
 _SHOWN = 8  # number of outputs that are shown at most if none is named
 _QUICK = 0.05  # longest simulation in seconds of an FMU of which many are simulated unseen
@@ -44,6 +40,10 @@ class FMURun:
     def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
         """Simulate θ, physical, shape (n,). Raises RunError if there is no record."""
         return self.loop.attempt(theta)
+
+    def varied(self) -> Varied:
+        """Return the parameters of the FMU that are no knobs. Raises ScenarioError if it has none."""
+        return self.loop.varied()
 
 
 def fmu_scenario(
@@ -178,34 +178,3 @@ def _is_quick(loop: FMULoop) -> bool:
     finally:
         loop.close()
     return done and loop.seconds is not None and loop.seconds <= _QUICK
-
-
-def subject_of(run: FMURun | FMULoop) -> Subject:
-    """Return the real parameters of an FMU that are no knobs, within its limits.
-
-    Raises:
-        ScenarioError: If it has none.
-    """
-    loop = run.loop if isinstance(run, FMURun) else run
-    free = [v for v in loop.model.parameters if v.name not in loop.parameters and not v.whole]
-    varied = [(v, Factor.around(v.name, "parameter", CHANGE, v.start, v.unit)) for v in free if v.start]
-    factors = tuple(
-        replace(f, low=max(f.low, v.low), high=min(f.high, v.high), possible=(v.low, v.high))
-        for v, f in varied
-    )
-    if not factors:
-        raise ScenarioError("its FMU has no other real parameters with a value: export those of the plant")
-    wider = loop.with_knobs([Knob(f.name, f.low, f.high, f.unit) for f in factors])
-    fixed = ", ".join(v.name for v in free if not v.start)
-    said = ["only parameters of the FMU are varied: sensors, actuators and the task are in it"]
-    said += [f"parameters of the FMU without a value, or with 0, are not varied: {fixed}"] if fixed else []
-    return Subject(factors, tuple(said), partial(_with_parameters, wider, factors))
-
-
-def _with_parameters(wider: FMULoop, factors: tuple[Factor, ...], values: Values) -> Source:
-    return Function(partial(_attempt, wider, [values.get(f.name, f.nominal) for f in factors]))
-
-
-def _attempt(wider: FMULoop, more: list[float], theta: Any, seed: int = 0) -> Experiment:
-    """Return the experiment of θ, shape (n,), in an FMU that has more values behind it."""
-    return replace(wider.attempt(np.array([*theta, *more])), theta=theta)

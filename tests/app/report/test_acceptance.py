@@ -113,7 +113,7 @@ def test_the_largest_step_of_an_input_counts_the_first_one_where_its_start_is_kn
     own = replace(scenario, run=lambda theta: e)
     after = "u, largest step between samples after the first"
     assert largest(e, own) == (after, pytest.approx(later, rel=0.01))
-    assert resting(load("lag")) == pytest.approx(load("lag").run.__self__.task.u0)
+    assert resting(load("lag")) == pytest.approx(load("lag").run.function.__self__.task.u0)
 
 
 def test_the_sheet_of_a_program_has_no_dates_so_that_it_can_be_repeated():

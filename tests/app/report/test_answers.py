@@ -82,7 +82,7 @@ def test_margins_stand_beside_those_before_and_an_error_of_own_code_is_said(monk
     def fails(*_):
         raise RuntimeError("no plant")
 
-    monkeypatch.setattr("prefcal_scenarios.verification.loops.margins", fails)
+    monkeypatch.setattr("prefcal_scenarios.verification.result.margins", fails)
     assert dict(unverified(record))["Margins"] == "not verified: no margins: no plant"
 
 

@@ -8,10 +8,9 @@ import pytest
 
 from prefcal_env import Channel, Experiment, Knob, KnobSpace, recorded
 from prefcal_env.errors import KnobError, ScenarioError, SettingsError
+from prefcal_env.sources.varied import within
 from prefcal_scenarios import KPI, Scenario, load
 from prefcal_scenarios.verification import replay, verify
-from prefcal_scenarios.verification.loops import subject_of
-from prefcal_scenarios.verification.plants import within
 from prefcal_scenarios.verification.result import Verified, most_probable
 
 SPACE = KnobSpace([Knob("gain", 0.0, 10.0)])
@@ -265,7 +264,7 @@ def test_ranges_and_kinds_are_chosen_by_name_and_misspelled_ones_are_refused():
 
 def lows_and_highs(name, ranges):
     scenario = load(name)
-    factors = within(subject_of(scenario.source, scenario.space).factors, ranges)
+    factors = within(scenario.source.varied().factors, ranges)
     return {f.name: (f.low / abs(f.nominal or 1.0), f.high / abs(f.nominal or 1.0)) for f in factors}
 
 
@@ -353,7 +352,7 @@ def test_the_delay_margin_has_a_unit_and_a_controller_that_raises_has_no_margins
     def raises(*_):
         raise IndexError("table ends at 60 h")
 
-    monkeypatch.setattr("prefcal_scenarios.verification.loops.controller_of", raises)
+    monkeypatch.setattr("prefcal_scenarios.cases.loops.loop.Loop.controller_of", raises)
     assert verify("lag", LAG, 1, jobs=1).tuning.margins == "no margins: table ends at 60 h"
 
 

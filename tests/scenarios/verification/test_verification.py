@@ -20,18 +20,20 @@ from prefcal_env import (
 )
 from prefcal_env.controllers.margins import MarginKPIs, margins
 from prefcal_env.disk import digest_of
+from prefcal_env.envs.varied_loop import Worn
+from prefcal_env.envs.varied_plant import Scaled, factors_of, varied_plant
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Channel, End, Measurement, Move
 from prefcal_env.plants.plant import Disturbed, Plant
 from prefcal_env.preferences.answer import Reading
+from prefcal_env.sources.varied import Factor, within
 from prefcal_scenarios import KPI, Scenario, load
 from prefcal_scenarios.cases.loops.family import LOOPS
+from prefcal_scenarios.cases.loops.loop import Designed, LawController
 from prefcal_scenarios.described.lqr_scenario import lqr_scenario
 from prefcal_scenarios.described.pid_scenario import pid_scenario
 from prefcal_scenarios.names import CLOSED_LOOPS
 from prefcal_scenarios.verification import verify
-from prefcal_scenarios.verification.loops import Designed, LawController, Worn
-from prefcal_scenarios.verification.plants import Factor, Scaled, factors_of, varied_plant, within
 from prefcal_scenarios.verification.result import BEST, FILE, Verified, VerifiedRun, WorstRun
 from prefcal_scenarios.verification.varied_runs import Perturbed, runs_kept
 from support.varied_loops import (

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from math import isfinite
 from typing import NamedTuple, Protocol
 
@@ -12,10 +13,23 @@ from scipy.linalg import solve_discrete_are
 
 from prefcal_env.compiling import Kernel, compile_ahead
 from prefcal_env.envs.task import StepSignal, Task
+from prefcal_env.envs.varied_loop import VariedLoop, moves_of
+from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.events import entered
-from prefcal_env.experiments.experiment import Channel, Channels, Controller, End, Experiment, Measurement
+from prefcal_env.experiments.experiment import (
+    Channel,
+    Channels,
+    Controller,
+    End,
+    Experiment,
+    Measurement,
+    Move,
+)
+from prefcal_env.jit import kernel
 from prefcal_env.knobs import KnobSpace
+from prefcal_env.plants.plant import Disturbed
 from prefcal_env.plants.systems import held
+from prefcal_env.sources.source import Function, Varied
 from prefcal_scenarios.scenario import KPI, Panel, Scenario
 
 from . import plants as laws
@@ -120,6 +134,50 @@ def _row(values: KnobValues, suffix: str, sign: float, output: tuple[float, floa
     tracking = T_i if np.isnan(T_t) else T_t
     first = (sign * value("K"), T_i, value("T_d"), value("T_f"), value("b"), tracking)
     return [*first, *output, value("stages"), value("hysteresis")]
+
+
+# --- Controllers on plants that are not exactly as they were designed for, and on their own.
+
+
+@dataclass(frozen=True, slots=True)
+class Designed:
+    """A kind of controller that is designed for the plant of the study, whatever plant it meets."""
+
+    controller: Tunable
+    plant: CompiledPlant
+    task: Task
+
+    def make(self, values: KnobValues, plant: CompiledPlant, task: Task, T_s: float) -> Gains | Controller:
+        """Return the controller of the study, which starts at the inputs and limits that it meets."""
+        controller, found = self.controller, replace(self.plant, inputs=plant.inputs)
+        if isinstance(controller, TunedPID) and controller.inner is not None:
+            start = float(task.x0[plant.measured[1]]) - float(self.task.x0[plant.measured[1]])
+            middle, low, high = controller.inner
+            controller = replace(controller, inner=(middle + start, low, high))
+        if isinstance(controller, TunedPID | TunedLQR):
+            return controller.make(values, found, replace(self.task, u0=task.u0), T_s)
+        return controller.make(values, self.plant, self.task, T_s)
+
+
+@kernel()
+def _act(law, gains, reference, y, memory, T_s, u):  # type: ignore[no-untyped-def]
+    """Write the inputs that a compiled law decides to `u`."""
+    laws.decide(law, gains, reference, y, memory, T_s, u)
+
+
+class LawController:
+    """A compiled law as a `Controller`; `T_s` is in the plant's unit of time."""
+
+    def __init__(self, gains: Gains, T_s: float) -> None:
+        self._gains, self.T_s = gains, T_s
+        self._memory = np.zeros((len(gains.rows), laws.MEMORY))
+
+    def move(self, measurement: Measurement) -> Move:
+        """Decide the inputs from the measured outputs."""
+        u, y = np.array(measurement.u, dtype=float), np.array(measurement.y, dtype=float)
+        r = np.array(measurement.y_ref, dtype=float)
+        _act(self._gains.law, np.array(self._gains.rows), r, y, self._memory, float(self.T_s), u)
+        return Move(u)
 
 
 # --- KPIs of a closed loop: a step of the reference, then a disturbance.
@@ -417,12 +475,59 @@ class Loop:
             name=self.name,
             title=self.title,
             space=self.space.described({name: about_knob(name) for name in self.space.names}),
-            run=self.run,
+            run=Function(self.run, self.varied),
             kpis=self.kpis,
             panels=(*self._state_panels(), *(Panel(c.name) for c in self.plant.inputs)),
             brief=brief_of(self.brief, self.plant.states),
             simulated=True,
         )
+
+    def varied(self, space: KnobSpace | None = None) -> Varied:
+        """Return what varies of the loop whose θ are in `space`; a model in its controller stays."""
+        plant, law = self.plant, isinstance(self.controller, TunedPID | TunedLQR)
+        limits, targets = [plant.states[k] for k in plant.measured], enumerate(np.ravel(self.target.start))
+        moves = moves_of(plant, self.task, limits, list(targets))
+        build = partial(self._varied, space)
+        varied = VariedLoop(plant, self.task, build, self.controller_of, wears=law, moves=moves)
+        ideal = "sensors and actuators of an MPC are ideal here: only noise and ranges are varied"
+        near = "start, size and direction of the step are not varied: a limit is near the target"
+        return varied.varied(*([] if law else [ideal]), *([] if moves else [near]))
+
+    def _varied(
+        self,
+        space: KnobSpace | None,
+        plant: Disturbed,
+        task: Task,
+        grain: Float[np.ndarray, " n_y"],
+        play: Float[np.ndarray, " n_u"],
+    ) -> Function:
+        """Return the same loop with another plant and task, whose sensors and actuators are worn."""
+        assert isinstance(plant.plant, CompiledPlant)
+        actuators = self.actuators or (Actuator(),) * len(play)
+        worn = (replace(a, backlash=a.backlash + p) for a, p in zip(actuators, play.tolist(), strict=True))
+        made = replace(
+            self,
+            plant=replace(plant.plant, inputs=plant.inputs),
+            task=task,
+            controller=Designed(self.controller, self.plant, self.task),
+            actuators=tuple(worn) if play.any() else self.actuators,
+            resolution=tuple(np.maximum(grain, self.resolution or 0.0)) if grain.any() else self.resolution,
+        )
+        return Function(partial(made.run, space=space))
+
+    def controller_of(self, theta: Float[np.ndarray, " n"]) -> Controller:
+        """Return the controller of a physical θ, shape (n,).
+
+        Raises:
+            SettingsError: If its input has stages, which no linear law has.
+        """
+        if self.staged:
+            raise SettingsError("an input in stages has no linear law")
+        plant, values = self.plant, dict(zip(self.space.names, theta.tolist(), strict=True))
+        T_s = values.get("T_s", self.task.T_s) * values.get("every", 1.0)
+        T_s = max(round(T_s / plant.max_step), 1) * plant.max_step
+        made = self.controller.make(values, plant, self.task, T_s)
+        return LawController(made, T_s) if isinstance(made, Gains) else made
 
     def _respond(self, values: KnobValues, hold: int, seed: int) -> Response:
         """Return what the controller with these values of the knobs does."""

@@ -566,6 +566,24 @@ class CompiledPlant:
         """Return the states at `times`, with the inputs held."""
         return np.asarray(hold(*self.packed, *_copies(x, u, d), times, self.max_step))
 
+    @property
+    def named_matrices(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """A and B, with what acts beside the inputs, of a linear plant; None of another one."""
+        if not isinstance(self.parameters, Linear):
+            return None
+        A, B, E = (np.array(M, dtype=float) for M in self.parameters)
+        return A, np.column_stack([B, E])
+
+    def scaled(
+        self, rates: Float[np.ndarray, " n_x"], gains: Float[np.ndarray, " n_u"], later: float
+    ) -> "CompiledPlant":
+        """Return the same plant with more dead time and, if it is linear, faster states and larger gains."""
+        parameters = self.parameters
+        if isinstance(parameters, Linear):
+            A, B, E = (np.array(M, dtype=float) * rates[:, None] for M in parameters)
+            parameters = Linear(*(tuple(map(tuple, M.tolist())) for M in (A, B * gains, E)))
+        return replace(self, parameters=parameters, dead_time=later * self.dead_time)
+
     @cached_property
     def packed(self) -> tuple[int, Float[np.ndarray, " n_p"]]:
         """Number of the kind of plant, and its parameters, shape (n_p,)."""

@@ -1,8 +1,9 @@
 """The overtaking scenario of section IV-B, and its words."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from operator import add
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,8 @@ from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.plants.bicycle import KMH
+from prefcal_env.sources.source import Function, Varied
+from prefcal_env.sources.varied import CHANGE, LEAST, Factor, Values
 from prefcal_scenarios.scenario import Panel, Picture, Scenario, described
 
 from .controller import PAPER, SPACE, STEERING_LIMITS, Fixed, controller, settings
@@ -111,6 +114,32 @@ def run(
     return rollout(Course(options), driver, theta, seed=seed, kpis=compute_kpis)
 
 
+def _source(fixed: Fixed = PAPER, options: OvertakeOptions | None = None) -> Function:
+    return Function(partial(run, fixed=fixed, options=options), partial(_varied, fixed, options))
+
+
+def _varied(fixed: Fixed, options: OvertakeOptions | None, space: KnobSpace = SPACE) -> Varied:
+    """Return the car's wheelbase, which the MPC does not know, and where it starts."""
+    scene = options or OvertakeOptions()
+    factors = (
+        Factor.around("wheelbase", "parameter", CHANGE, scene.wheelbase, "m", (LEAST, np.inf)),
+        Factor("distance at the start", "task", 0.0, -5.0, 5.0, "m"),
+        Factor("start beside the center line", "task", 0.0, -0.3, 0.3, "m"),
+        Factor("heading at the start", "task", 0.0, -0.03, 0.03, "rad"),
+    )
+    said = "sensors and actuators of the car are ideal, and the obstacle drives as in the paper"
+    drive = partial(run, fixed=fixed, space=space)
+    return Varied(factors, (said,), partial(_in_scene, drive, scene, factors))
+
+
+def _in_scene(
+    drive: Callable[..., Experiment], scene: OvertakeOptions, factors: Sequence[Factor], values: Values
+) -> Function:
+    wheelbase, *start = (values.get(factor.name, factor.nominal) for factor in factors)
+    x, y, heading = map(add, scene.x0, start)
+    return Function(partial(drive, options=replace(scene, x0=(x, y, heading), wheelbase=wheelbase)))
+
+
 def _pictures() -> Sequence[Picture]:
     from .picture import PICTURE  # loads the plots
 
@@ -130,7 +159,7 @@ def _configured(config: Mapping[str, Any]) -> Scenario:
     fixed = STEERING_LIMITS[limit]
     return replace(
         overtake,
-        run=partial(run, fixed=fixed, options=OvertakeOptions.of(scene)),
+        run=_source(fixed, OvertakeOptions.of(scene)),
         controller=partial(controller, fixed=fixed),
         settings=partial(settings, fixed=fixed),
         brief=CONFIGURED,
@@ -141,7 +170,7 @@ overtake = Scenario(
     name="overtake",
     title="Lane keeping and overtaking",
     space=SPACE.described(_KNOB_WORDS),
-    run=run,
+    run=_source(),
     kpis=described(KPIS, _KPI_WORDS),
     panels=PANELS,
     references=REFERENCES,

@@ -1,0 +1,188 @@
+"""Compare `prefcal verify` with a Monte Carlo of other code: 20 PID loops, sound and fragile.
+
+    python benchmarks/checks/verified.py            # all, with 299 and 3,000 plants: a quarter of an hour
+    python benchmarks/checks/verified.py --runs 100 # fewer plants, as in docs/research
+    python benchmarks/checks/verified.py --quick    # one plant: seconds
+
+`monte_carlo.py`, which shares no code with prefcal, judges each plant that `verify` drew, one by one, and
+3,000 others of its own within the same ranges. Time constants and gain vary by 10 %, dead time by 20 %. A
+plant fails if its output runs away, or is not within 5 % of its reference at the end of the step or of the
+load. Fragile tunings have a gain close to the largest one with which the nominal loop settles.
+
+Prints Markdown, and fails if a share differs by more than chance allows (Fisher, 1 % for all loops together),
+if more than 1 % of the verdicts on the same plants differ, or if the stated bound is below the share of the
+others in more than 2 of 20.
+"""
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.stats import fisher_exact
+
+sys.path.insert(0, __file__.rpartition("/")[0])
+from monte_carlo import PID, Experiment, Process, drawn, failures
+
+from prefcal_bench.results.words import markdown
+from prefcal_env.experiments.experiment import Channel
+from prefcal_env.plants.plant import Plant
+from prefcal_scenarios.described.pid_scenario import pid_scenario
+from prefcal_scenarios.scenario import Scenario
+from prefcal_scenarios.verification import verify
+
+PROCESSES: Mapping[str, Process] = {
+    "lag": Process((2.0,), (20.0, 1.0), 3.0),
+    "mostly dead time": Process((1.5,), (5.0, 1.0), 10.0),
+    "heater, two lags": Process((0.8,), (160.0, 28.0, 1.0), 6.0),
+    "three lags": Process((1.0,), (60.0, 47.0, 12.0, 1.0), 1.0),
+    "dead time at the output": Process((1.2,), (12.0, 1.0), 0.0, 5.0),
+    "dead time at both ends": Process((0.7,), (30.0, 1.0), 2.0, 3.0),
+    "inverse response": Process((-4.0, 1.0), (80.0, 18.0, 1.0), 1.0),
+    "oscillatory": Process((1.0,), (25.0, 6.0, 1.0), 2.0),
+    "integrating": Process((0.1,), (4.0, 1.0, 0.0), 2.0),
+    "unstable": Process((1.0,), (20.0, -1.0), 2.0),
+}
+RANGES = {"parameter": 0.1, "dead time": 0.2, "sensor": 0.0, "actuator": 0.0, "task": 0.0}
+RUNS, OTHERS = 299, 3000
+_EDGE = 0.92  # share of the largest gain with which the nominal loop settles
+_CHANCE, _SAME, _ABOVE = 0.01, 0.01, 2
+
+
+@dataclass(frozen=True)
+class Compared:
+    """One loop: of `runs` plants of `verify`, `failed`; and what the other code says of them."""
+
+    name: str
+    runs: int
+    failed: int
+    differ: int  # verdicts on the same plants that differ
+    others: int  # failures of the other code among its own plants
+    drawn: int  # number of these
+    bound: float  # what verify states the probability of a failure is below
+
+    @property
+    def chance(self) -> float:
+        """Return the probability of such a difference of both shares, if they are the same."""
+        table = [[self.failed, self.runs - self.failed], [self.others, self.drawn - self.others]]
+        return float(fisher_exact(table)[1])
+
+
+def scenario_of(process: Process) -> Scenario:
+    """Return the study of a process whose input goes from -100 to 100, around 0."""
+    plant = Plant.of(
+        (process.num, process.den),
+        delay=process.delay,
+        output_delay=process.output_delay,
+        inputs=[Channel("valve", "%", -100.0, 100.0)],
+    )
+    return pid_scenario(plant)
+
+
+def compared(name: str, process: Process, kind: str, runs: int, others: int) -> Compared:
+    """Verify a sound or a fragile tuning, and let the other code judge the same plants and its own."""
+    scenario, seed = scenario_of(process), list(PROCESSES).index(name)  # the same draws would err alike
+    theta = np.array(scenario.references["robust"])
+    if kind == "fragile":
+        theta[0] *= _EDGE * largest(scenario, process, theta)
+    found = verify(scenario, theta, runs, seed=seed, ranges=RANGES, jobs=1)
+    given = numbers_of(scenario, theta)
+    late = process.delay + process.output_delay
+    rows = [
+        [run.values["all time constants"], run.values["gain of valve"], run.values["dead time"] / late]
+        for run in found.runs
+    ]
+    same = failures(process, *given, np.array(rows))
+    own = failures(process, *given, drawn(others, 100 + seed, time=0.1, gain=0.1, delay=0.2))
+    bad = np.array([bool(run.problems) for run in found.runs])
+    return Compared(
+        f"{name}, {kind}", runs, int(bad.sum()), int((bad != same).sum()), int(own.sum()), others, found.bound
+    )
+
+
+def numbers_of(scenario: Scenario, theta: np.ndarray) -> tuple[Experiment, PID]:
+    """Return the experiment and the controller of a study as numbers, for the other code."""
+    loop = scenario.source.varied().loop
+    assert loop is not None
+    task, pid = loop.task, loop.controller(theta).parameters
+    y_ref, (when, load), (valve,) = task.reference(0.0), task.d.steps[0], loop.plant.inputs
+    start = float(loop.plant.g(task.x0, task.u0, task.disturbance(0.0))[0])
+    phase = task.horizon / 2
+    assert abs(when - phase) < 1e-6 * phase
+    experiment = Experiment(start, float(y_ref[0]), float(load[-1]), phase, pid["T_s"], valve.low, valve.high)
+    return experiment, PID(pid["K_p"], pid["T_i"], pid["T_d"], pid["b"], pid["N"])
+
+
+def largest(scenario: Scenario, process: Process, theta: np.ndarray) -> float:
+    """Return the largest factor of the gain with which the nominal loop settles, by the other code."""
+    low, high = 1.0, 1.0
+    nominal = np.ones((1, 3))
+
+    def fails(factor: float) -> bool:
+        given = numbers_of(scenario, theta * [factor, 1, 1, 1])
+        return bool(failures(process, *given, nominal)[0])
+
+    while not fails(high):
+        low, high = high, 1.5 * high
+    for _ in range(12):
+        middle = (low + high) / 2
+        low, high = (low, middle) if fails(middle) else (middle, high)
+    return low
+
+
+def report(rows: Sequence[Compared]) -> tuple[str, list[str]]:
+    """Return the table, and what does not agree, a sentence each."""
+    cells: list[list[Any]] = [
+        [
+            row.name,
+            f"{row.failed} of {row.runs}",
+            row.differ,
+            f"{100 * row.failed / row.runs:.1f} %",
+            f"{100 * row.others / row.drawn:.1f} %",
+            f"{row.chance:.2g}",
+            f"{100 * row.bound:.1f} %",
+        ]
+        for row in rows
+    ]
+    heads = [
+        "loop",
+        "failed",
+        "verdicts that differ",
+        "share",
+        "share, other code and plants",
+        "chance",
+        "bound",
+    ]
+    wrong = [f"{row.name}: the shares differ" for row in rows if row.chance < _CHANCE / len(rows)]
+    wrong += [f"{row.name}: verdicts differ" for row in rows if row.differ > max(_SAME * row.runs, 1)]
+    above = sum(row.others / row.drawn > row.bound for row in rows)
+    if above > _ABOVE:
+        wrong.append(f"{above} of {len(rows)} bounds are below the share of the other code")
+    return "\n".join(markdown(heads, cells, "Failures of `prefcal verify` and of other code")), wrong
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    """Print the table; exit with what does not agree, if anything."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--quick", action="store_true", help="one plant and few runs")
+    parser.add_argument("--runs", type=int, default=RUNS, help="plants that verify draws")
+    parser.add_argument("--plants", nargs="+", default=list(PROCESSES), choices=list(PROCESSES))
+    options = parser.parse_args(words)
+    chosen, runs, others = (["lag"], 30, 300) if options.quick else (options.plants, options.runs, OTHERS)
+    rows = []
+    for name in chosen:
+        for kind in ("sound", "fragile"):
+            rows.append(compared(name, PROCESSES[name], kind, runs, others))
+            print(rows[-1], file=sys.stderr, flush=True)
+    text, wrong = report(rows)
+    print(text)
+    if wrong:
+        sys.exit("\n".join(wrong))
+
+
+if __name__ == "__main__":
+    main()

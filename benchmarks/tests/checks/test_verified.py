@@ -1,0 +1,79 @@
+"""`prefcal verify` counts the failures that other code counts, and a difference would be found."""
+
+import ast
+import importlib
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+CHECKS = Path(__file__).parents[2] / "checks"
+
+
+@pytest.fixture(scope="module")
+def check():
+    sys.path.insert(0, str(CHECKS))
+    yield importlib.import_module("verified")
+    sys.path.remove(str(CHECKS))
+
+
+@pytest.fixture(scope="module")
+def fragile(check):
+    return check.compared("lag", check.PROCESSES["lag"], "fragile", 40, 2000)
+
+
+def test_the_other_code_imports_nothing_of_prefcal():
+    tree = ast.parse((CHECKS / "monte_carlo.py").read_text(encoding="utf-8"))
+    names = {
+        name.split(".")[0]
+        for node in ast.walk(tree)
+        for name in (
+            [node.module or ""]
+            if isinstance(node, ast.ImportFrom)
+            else [each.name for each in node.names]
+            if isinstance(node, ast.Import)
+            else []
+        )
+    }
+    assert names == {"dataclasses", "numpy", "scipy"}
+
+
+def test_a_fragile_tuning_fails_as_often_in_the_other_code_plant_by_plant(check, fragile):
+    assert 0 < fragile.failed < fragile.runs
+    assert fragile.differ <= 1
+    assert fragile.others / fragile.drawn < fragile.bound
+    assert check.report([fragile])[1] == []
+
+
+def test_a_simulation_that_forgets_what_varies_would_be_found(check, fragile, monkeypatch):
+    right = check.failures
+    monkeypatch.setattr(check, "failures", lambda *given: right(*given[:-1], np.ones_like(given[-1])))
+    nominal = check.compared("lag", check.PROCESSES["lag"], "fragile", 40, 2000)
+    assert (nominal.failed, nominal.differ, nominal.others) == (fragile.failed, fragile.failed, 0)
+    assert check.report([nominal])[1] == ["lag, fragile: the shares differ", "lag, fragile: verdicts differ"]
+
+
+def test_verdicts_that_differ_and_bounds_that_do_not_hold_are_said(check, fragile):
+    rows = [check.Compared("a", 299, 0, 4, 0, 3000, 0.01)]
+    assert check.report(rows)[1] == ["a: verdicts differ"]
+    low = [check.Compared("b", 299, 0, 0, 10, 3000, 0.001)] * 3
+    assert check.report(low)[1] == ["3 of 3 bounds are below the share of the other code"]
+
+
+def test_a_run_of_the_other_code_is_that_of_small_steps(check):
+    """A lag of 7 s, and dead times that are no whole samples."""
+    code = sys.modules["monte_carlo"]
+    experiment = code.Experiment(1.0, 3.0, 0.5, 20.0, 0.7, -50.0, 50.0)
+    pid = code.PID(0.6, 7.0, 0.5, 0.8, 10.0)
+    y, _ = code.simulated(code.Process((2.0,), (7.0, 1.0), 1.3, 0.4), experiment, pid, np.ones((1, 3)))
+    assert 3.0 < y.max() < 4.5  # the step, and then the load
+    law, given, x, past = code._Law(pid, experiment, np.array([0.5])), [], 1.0, [1.0]
+    for k in range(len(y)):
+        assert y[k, 0] == pytest.approx(past[-401] if k else 1.0, abs=2e-3)
+        given.append((700 * k, law.move(y[k])[0]))
+        for now in range(700 * k, 700 * (k + 1)):  # in ms
+            acting = next((u for at, u in reversed(given) if at + 1300 <= now), 0.5)
+            load = 0.5 if k >= 29 else 0.0  # 29 samples last 20.3 s
+            x += 1e-3 * (2.0 * (acting + load) - x) / 7.0
+            past.append(x)

@@ -1,0 +1,246 @@
+"""What varies in a closed loop of any plant and controller: its plant, sensors, actuators and task."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.errors import PlantError
+from prefcal_env.experiments.experiment import Channel, Controller, Measurement, Move
+from prefcal_env.plants.jacobians import U, X, Y
+from prefcal_env.plants.plant import Disturbed, Plant
+from prefcal_env.sources.source import Source, Varied
+from prefcal_env.sources.varied import LEAST, NOT_NEGATIVE, SIZE, Factor, Values
+
+from .plant_env import tracked_of
+from .task import Signal, StepSignal, Task
+from .varied_plant import DELAY, at_rest, factors_of, latest, rest, varied_plant, waits_inside
+
+_WEAR = (-0.5, 1.0)  # relative change of noise
+_NOISE, _GRAIN, _PLAY, _OFFSET = 0.002, 0.005, 0.005, 0.1
+"""Largest noise of sensors without any, and resolution, as shares of the largest step; half backlash
+of actuators, as a share of the range; change of the operating point, as a share of the step."""
+NOISE, GRAIN, PLAY, LOAD = "noise", "resolution of sensors", "backlash", "size of the load"
+JITTER, _JITTER, _MOST = "sampling jitter", 0.1, 0.49
+"""Largest jitter, as a share of the period: the usual and the possible one."""
+MOVE, SHIFT, REFERENCE, DIRECTION = "rate of the actuators", "start", "size of the step", "direction"
+TURN = "direction of the load"
+_ROOM = 2.0  # distance of a limit from start and targets, in steps, that leaves room for other references
+ENDS = (-_OFFSET, 1 + SIZE + _OFFSET)  # what a varied start and reference reach, in steps
+Build = Callable[[Disturbed, Task, Y, U], Source]
+"""Function of plant, task, resolution of the sensors, shape (n_y,), and half backlash of the
+actuators, shape (n_u,), that returns the loop; the controller stays as it is designed."""
+
+
+def moves_of(
+    plant: Plant,
+    task: Task,
+    limits: Sequence[Channel],
+    targets: Sequence[tuple[int, float]],
+    ends: Sequence[float] = (),
+) -> tuple[str, ...]:
+    """Return what can vary of the step: all if no limit of an output is near, and the other side exists.
+
+    Args:
+        plant: Plant.
+        task: Task.
+        limits: Limits of each output.
+        targets: Index of an output and its reference after the step, in the order of the loops.
+        ends: Shares of the step at which the plant must rest within its limits, too.
+    """
+    x0, u0, d = task.x0, task.u0, task.disturbance(0.0)
+    chosen = list(targets)[: len(plant.inputs)]
+    y0, all_limits = plant.g(x0, u0, d), (*plant.states, *plant.inputs)
+    for k, target in chosen[:1] if not ends else chosen:
+        room = min(min(y0[k], target) - limits[k].low, limits[k].high - max(y0[k], target))
+        if room < _ROOM * abs(target - y0[k]):
+            return ()
+
+    def rests(share: float) -> bool:
+        aims = [float(y0[k] + share * (target - y0[k])) for k, target in chosen]
+        found = rest(plant, x0, u0, d, [k for k, _ in chosen], aims)
+        if found is None:
+            return False
+        return all(c.low <= v <= c.high for c, v in zip(all_limits, np.concatenate(found), strict=True))
+
+    if not all(map(rests, ends)):
+        return ()
+    return (REFERENCE, SHIFT, DIRECTION) if rests(-1.0) else (REFERENCE, SHIFT)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VariedLoop:
+    """A closed loop whose plant, sensors, actuators and task vary, while its controller stays.
+
+    A varied plant starts at rest with the outputs of the study: its controller had brought it there.
+    """
+
+    plant: Plant  # plant of the study
+    task: Task  # task of the study
+    build: Build  # what a loop does
+    controller: Callable[[Float[np.ndarray, " n"]], Controller]  # function of θ that makes the controller
+    wears: bool = True  # whether sensors can have a resolution, and actuators backlash
+    jitters: bool = False  # whether periods can differ
+    moves: tuple[str, ...] = ()  # what varies of the step: `SHIFT`, `REFERENCE`, `DIRECTION` or less
+
+    def varied(self, *said: str) -> Varied:
+        """Return what varies; `said` is what does not, beside what follows from plant and task."""
+        late, waits = latest(self.plant, self.task.measurement_delay) > 0, waits_inside(self.plant)
+        missing = {
+            "the plant states no dead time, and none is added (that of a Padé approximation varies with the "
+            "time constants): see the delay margin": late or waits,
+            "dead time in the states of the plant (poles at 0) is not varied: state it as a delay": not waits,
+            "no rate of an actuator is stated, so none is varied": self.task.max_move is not None,
+            "the task has no steps of a load, so none is varied": self._loaded,
+            "sampling jitter is not varied: a period has one length": self.jitters,
+            "no lag of the actuators that nobody modeled is added: see the delay margin": False,
+            "a bias of the sensors is not varied: it moves the output, whatever the tuning": False,
+        }
+        left_out = (*said, *(text for text, there in missing.items() if not there))
+        factors = (*factors_of(self.plant, self.task.measurement_delay), *self._others())
+        return Varied(factors, left_out, self.at, self)
+
+    def at(self, values: Values) -> Source:
+        """Return the loop with these values."""
+        plant = varied_plant(self.plant, values, self._later(values))
+        spans = np.array([c.high - c.low for c in plant.inputs])
+        play = values.get(PLAY, 0.0) * np.where(np.isfinite(spans), spans, 0.0)
+        grain = values.get(GRAIN, 0.0) * self._step
+        return self.build(plant, self.task_of(plant, values), grain, play)
+
+    def _others(self) -> Iterator[Factor]:
+        """Yield what varies beside the plant."""
+        if self._noisy:
+            yield Factor.around(NOISE, "sensor", _WEAR, possible=NOT_NEGATIVE)
+        else:
+            yield Factor(NOISE, "sensor", 0.0, 0.0, _NOISE, "of the step", possible=NOT_NEGATIVE)
+        if self.wears:
+            yield Factor(GRAIN, "sensor", 0.0, 0.0, _GRAIN, "of the step", possible=NOT_NEGATIVE)
+            yield Factor(PLAY, "actuator", 0.0, 0.0, _PLAY, "of the range", possible=NOT_NEGATIVE)
+        if self.jitters:
+            yield Factor(JITTER, "sensor", 0.0, 0.0, _JITTER, "of the period", possible=(0.0, _MOST))
+        if self.task.max_move is not None:
+            yield Factor.around(MOVE, "actuator", SIZE, possible=(LEAST, np.inf))
+        if self._loaded:
+            yield Factor.around(LOAD, "task", SIZE, possible=NOT_NEGATIVE)
+            yield Factor(TURN, "task", 1.0, -1.0, 1.0, ends=True)
+        steps = (
+            Factor.around(REFERENCE, "task", SIZE, possible=(LEAST, np.inf)),
+            Factor(SHIFT, "task", 0.0, -_OFFSET, _OFFSET, "of the step"),
+            Factor(DIRECTION, "task", 1.0, -1.0, 1.0, ends=True),
+        )
+        yield from (factor for factor in steps if factor.name in self.moves)
+
+    def _later(self, values: Values) -> float:
+        """Return the factor of all dead times."""
+        late = values.get(DELAY)
+        return 1.0 if late is None else late / latest(self.plant, self.task.measurement_delay)
+
+    @property
+    def _noisy(self) -> bool:
+        return self.task.noise is not None and bool(np.any(self.task.noise))
+
+    @property
+    def _loaded(self) -> bool:
+        return isinstance(self.task.d, StepSignal) and bool(self.task.d.steps)
+
+    @property
+    def start(self) -> Y:
+        """Outputs at the start, shape (n_y,)."""
+        return np.asarray(self.plant.g(self.task.x0, self.task.u0, self.task.disturbance(0.0)))
+
+    @property
+    def _step(self) -> Y:
+        """Largest change of each output's reference, from the start, shape (n_y,); 0 for none."""
+        y_ref = self.task.y_ref
+        times = [0.0, *(t for t, _ in y_ref.steps)] if isinstance(y_ref, StepSignal) else [0.0]
+        changes = np.array([np.abs(self.task.reference(t) - self.start) for t in times])
+        return np.asarray(np.nan_to_num(changes).max(axis=0))
+
+    def task_of(self, plant: Plant, values: Values) -> Task:
+        """Return the task of a varied plant, which starts at rest, with other noise, rate, load and step."""
+        task, d = self.task, self.task.d
+        if self._noisy:
+            noise = values.get(NOISE, 1.0) * np.asarray(task.noise)
+        else:
+            noise = values.get(NOISE, 0.0) * self._step
+        load = values.get(LOAD, 1.0) * values.get(TURN, 1.0)
+        if load != 1.0 and isinstance(d, StepSignal):
+            d = _scaled(d, np.asarray(d.start, dtype=float), load)
+        x0, u0 = self._rest(plant, values.get(SHIFT, 0.0))
+        y_ref: Signal = task.y_ref
+        if self.moves and not callable(y_ref):
+            y_ref = StepSignal(y_ref, ())
+        if self.moves and isinstance(y_ref, StepSignal):
+            size = values.get(REFERENCE, 1.0) * values.get(DIRECTION, 1.0)
+            y_ref = _scaled(y_ref, self.start, size, plant.g(x0, u0, task.disturbance(0.0)) - self.start)
+        moves = None if task.max_move is None else task.max_move * values.get(MOVE, 1.0)
+        if (later := self._later(values)) != 1.0:
+            task = replace(task, measurement_delay=(later * np.asarray(task.measurement_delay)).tolist())
+        if self._noisy or noise.any():
+            task = replace(task, noise=noise)
+        jitter = max(task.jitter, values.get(JITTER, 0.0))
+        return replace(task, x0=x0, u0=u0, y_ref=y_ref, d=d, max_move=moves, jitter=jitter)
+
+    def _rest(self, plant: Plant, shift: float) -> tuple[X, U]:
+        """Return where a plant rests with the outputs of the start, the first moved by `shift` steps.
+
+        If there is no such state, it is the start.
+        """
+        start, d = (self.task.x0, self.task.u0), self.task.disturbance(0.0)
+        chosen = tracked_of(self.task)[: len(plant.inputs)]
+        aims = self.start[list(chosen)]
+        aims[:1] += shift * (self.task.reference(0.0) - self.start)[list(chosen[:1])]
+        try:
+            resting = at_rest(self.plant, *start, d)
+            return (rest(plant, *start, d, chosen, aims.tolist()) if resting else None) or start
+        except PlantError:  # a discrete plant without ẋ
+            return start
+
+
+def _scaled(
+    signal: StepSignal, around: np.ndarray, size: float, shift: np.ndarray | float = 0.0
+) -> StepSignal:
+    """Return a signal whose distance from some values is multiplied by `size`, and that is shifted."""
+    steps = [(0.0, signal.start), *signal.steps]
+    (_, start), *later = ((t, around + size * (np.asarray(v) - around) + shift) for t, v in steps)
+    return StepSignal(start, tuple(later))
+
+
+class Worn:
+    """A controller behind sensors with a resolution and actuators with backlash.
+
+    Args:
+        controller: Controller that sees what the sensors show, and as input its own last command.
+        grain: Distance of the values that each output can have, shape (n_y,); 0 for any.
+        play: Half of the backlash of each input, shape (n_u,).
+        inputs: Inputs, with their ranges.
+    """
+
+    def __init__(self, controller: Controller, grain: Y, play: U, inputs: Sequence[Channel]) -> None:
+        self.controller, self.play, self.T_s = controller, play, controller.T_s
+        self.rounded, self.grain = grain > 0, np.where(grain > 0, grain, 1.0)
+        self._low, self._high = np.array([c.low for c in inputs]), np.array([c.high for c in inputs])
+        self._command: U | None = None
+
+    def move(self, measurement: Measurement) -> Move:
+        """Decide by what the sensors show; return where the actuators go."""
+        m = measurement
+        y = np.where(self.rounded, (m.y / self.grain).round() * self.grain, m.y)
+        move = self.controller.move(Measurement(m.t, m.x, self._seen(m.u), m.d, m.y_ref, y))
+        if move.solved:
+            self._command = move.u
+        # What is NaN stays so: it tells that the controller failed.
+        reached = np.minimum(np.maximum(m.u, move.u - self.play), move.u + self.play)
+        return Move(reached, solved=move.solved, iterations=move.iterations)
+
+    def _seen(self, u: U) -> U:
+        """Return the last command within range and rate, given the actuators, shape (n_u,).
+
+        Nobody measures the backlash: to an anti-windup it would look like saturation for ever.
+        """
+        if self._command is None:
+            return u
+        followed = np.clip(self._command, u - self.play, u + self.play)
+        return np.asarray(np.clip(followed, self._low, self._high))
