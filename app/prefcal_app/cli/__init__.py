@@ -4,6 +4,8 @@ import errno
 import logging
 import re
 import sys
+from collections.abc import Callable
+from typing import Any
 
 import typer
 
@@ -96,8 +98,10 @@ _MISSING = {
 """Messages for missing arguments, by placeholder."""
 _PLAINER = (
     (r"^invalid value for '(.+?)': (?:value error, )?", r"\1: "),
-    (r"input should be a (valid )?(\w+), unable to parse.*", r"expected an \2"),
+    (r": input should be a (?:valid )?(\w+), unable to parse.*", r": expected an \1"),
     (r"expected an number", "expected a number"),
+    (r": input should be greater than or equal to (\S+)", r" must be at least \1"),
+    (r": input should be less than or equal to (\S+)", r" must be at most \1"),
     (r"^no such option: (\S+) \(possible options: ([^,)]+).*\)", r"no such option: \1. Did you mean \2?"),
     (r"^got unexpected extra arguments? \((.*)\)", r"too many arguments: \1"),
     (r"^got unexpected extra argument\(s\) \((.*)\)", r"too many arguments: \1"),
@@ -126,7 +130,14 @@ def _wrong_call(error: Exception) -> tuple[str, int] | None:
         parameter = getattr(error, "param", None)
         words = _MISSING.get(str(getattr(parameter, "metavar", "")), "").format(scenarios=NAMES)
     words = words or _sentence(str(format_message()), context)
+    words += _got(error, words)
     return f"{words} (help: {getattr(context, 'command_path', 'prefcal')} --help)", code
+
+
+def _got(error: Exception, words: str) -> str:
+    """Return the value that was refused, unless `words` have it: newer versions of typer hide it."""
+    errors: Callable[[], list[Any]] = getattr(error.__cause__, "errors", list)
+    return "".join(f", got {each['input']}" for each in errors()[:1] if repr(each["input"]) not in words)
 
 
 def _sentence(words: str, context: object) -> str:

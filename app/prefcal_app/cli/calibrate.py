@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
@@ -40,7 +41,7 @@ from prefcal_app.view.end import baseline_of
 from prefcal_env.compiling import Compiling
 from prefcal_env.errors import RecordError, RunError, SettingsError, SimulationError, StudyError
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.study import Concluded, State, study_path
+from prefcal_env.study import Concluded, State, StudyFile, study_path
 from prefcal_env.study.file import simulated_beside
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.described.description import listed, words_to_resume
@@ -52,7 +53,6 @@ from prefcal_scenarios.wording import labeled, printable, theta_text
 
 from .choices import (
     IN_MEMORY,
-    Opened,
     by_now,
     follows_cost,
     kept_if_worth_it,
@@ -61,8 +61,8 @@ from .choices import (
     with_cost,
     worth_keeping,
 )
-from .options import Options
-from .parameters import kept_by, parameters_of
+from .options import CHOOSING, Options
+from .parameters import kept_by
 from .studies.files import as_text, completed, existing, open_described
 
 if TYPE_CHECKING:
@@ -139,9 +139,7 @@ def interruption(*, others: bool = False) -> Iterator[Interruption]:
 # --- Record what a report says of a study, and print its result as a table or as JSON.
 
 
-def record_of(
-    interview: Interview, options: Options, references: Mapping[str, Experiment], name: str | None = None
-) -> StudyRecord:
+def record_of(interview: Interview, options: Options, references: Mapping[str, Experiment]) -> StudyRecord:
     """Return the record of the study as it stands, for reports."""
     now = interview.now()
     state = now.state
@@ -169,7 +167,7 @@ def record_of(
         ended=state.ended or "",
         outlook=interview.known.outlook,
         judged=follows_cost(options, interview.scenario),
-        study=name or "",
+        study=options.study or "",
         dates=tuple(dict.fromkeys((times[0], times[-1]))),
         baseline=baseline_of(state),
         fingerprint=_fingerprint(options, state),
@@ -189,15 +187,14 @@ def _fingerprints(options: Options, state: State) -> tuple[str, str]:
     return str(state.configuration.get("fingerprint", now)), now
 
 
-def _changes(opened: Opened) -> Iterator[str]:
+def _changes(options: Options, state: State) -> Iterator[str]:
     """Yield what is no longer as it was when a study was begun, and what that means."""
-    state, source = opened.file.state, opened.options.scenario
-    then, now = _fingerprints(opened.options, state)
+    source, (then, now) = options.scenario, _fingerprints(options, state)
     if state.finished and then != now:
         yield (
             f"The files of {source} have changed since this study began: its {len(state.finished)} "
             "experiments ran with the old ones, and are compared with new ones. If that matters, begin anew "
-            f"from what you know: prefcal calibrate {shlex.quote(source)} --start {opened.name}:best"
+            f"from what you know: prefcal calibrate {shlex.quote(source)} --start {options.study}:best"
         )
     agent = state.configuration["agent"]
     made, by = agent["version"], agent_class(agent["agent"]).version
@@ -206,7 +203,7 @@ def _changes(opened: Opened) -> Iterator[str]:
             f"This study was begun with version {made} of {agent['agent']}: earlier proposals were made by "
             f"that, the next ones are made by version {by}. Experiments and answers count as before."
         )
-    if unknown := state.configuration["options"].keys() - {*kept_by(Options), "earlier"}:
+    if unknown := state.configuration["options"].keys() - {*kept_by(Options)}:
         yield (
             f"This version of prefcal does not know {', '.join(sorted(unknown))}, with which this study was "
             "begun: it goes on without."
@@ -314,21 +311,23 @@ class Calibration:
     """An open study at work; its report can be written again and again while it runs.
 
     Args:
-        opened: Study.
-        interview: Interview, which holds the agent and the study file.
+        options: What is calibrated, and how.
+        interview: Interview, which holds the scenario, the agent and the study file.
         claim: Claim on the folder of the report.
         messages: Console for messages, standard error.
+        resumed: Whether the study existed before.
     """
 
-    opened: Opened
+    options: Options
     interview: Interview
     claim: Ownership
     messages: Console
+    resumed: bool
 
     @property
-    def options(self) -> Options:
-        """Return the options of the study."""
-        return self.opened.options
+    def file(self) -> StudyFile:
+        """Return the study file."""
+        return self.interview.file
 
     @property
     def over(self) -> bool:
@@ -354,7 +353,7 @@ class Calibration:
             "choose" if is_table(options.scenario) else "calibrate",
             *words_to_resume(options.scenario),
             "--study",
-            self.opened.name or "",
+            self.options.study or "",
         ]
         words += [] if options.cost is None else ["--cost", options.cost]
         if options.twin is not None and is_own(options.twin):
@@ -364,7 +363,7 @@ class Calibration:
     @property
     def remarks(self) -> tuple[str, ...]:
         """Return what is no longer as it was when a study that goes on now was begun, a line each."""
-        return tuple(_changes(self.opened)) if self.opened.resumed else ()
+        return tuple(_changes(self.options, self.file.state)) if self.resumed else ()
 
     @property
     def left(self) -> str:
@@ -378,10 +377,10 @@ class Calibration:
 
         Takes no lock, since the handler of Ctrl-C calls it at any point.
         """
-        file = self.opened.file
+        file = self.file
         if not file.state.history.answered:
             return False
-        if not self.options.by_a_person or self.opened.resumed:
+        if not self.options.by_a_person or self.resumed:
             return True
         return worth_keeping(file, self.interview.scenario)
 
@@ -411,7 +410,7 @@ class Calibration:
         options, scenario, wanted = self.options, self.interview.scenario, self.reportable
         self.interview.known.foresight(learn=True)
         shown = {} if failed or not wanted else references(scenario, options.seed, self.say)
-        record, trouble = record_of(self.interview, options, shown, self.opened.name).costed()
+        record, trouble = record_of(self.interview, options, shown).costed()
         if trouble and not failed:
             self.say(f"prefcal: the report has no costs: {trouble}")
         if wanted:
@@ -438,7 +437,7 @@ class Calibration:
         options = self.options
         report = self.claim.folder / "report.html" if self.reportable else None
         if options.json:
-            print(as_json(record, options, report, self.opened.name, self._simulated), flush=True)
+            print(as_json(record, options, report, self.options.study, self._simulated), flush=True)
         elif report is None:
             self.say("Nothing to report: no experiment was compared.")
         else:
@@ -452,7 +451,7 @@ class Calibration:
     @property
     def _simulated(self) -> int | None:
         """Return how many θ were simulated unseen; None if this is not known any more."""
-        if not is_simulating(self.interview.file.state):
+        if not is_simulating(self.file.state):
             return 0
         found = self.interview.known.simulated
         return None if found is None or not found.simulated else found.simulated
@@ -460,34 +459,45 @@ class Calibration:
 
 @contextmanager
 def calibration(
-    opened: Opened, scenario: Scenario, messages: Console, *, asks: bool = True, keep: bool = True
+    file: StudyFile,
+    options: Options,
+    scenario: Scenario,
+    messages: Console,
+    *,
+    resumed: bool,
+    asks: bool = True,
+    keep: bool = True,
 ) -> Iterator[Calibration]:
     """Claim the folder of the report, and get a study to work.
 
     Args:
-        opened: Study.
+        file: Study.
+        options: What is calibrated, and how.
         scenario: Scenario of the study.
         messages: Console for messages.
+        resumed: Whether the study existed before.
         asks: Whether experiments may run, and events be written.
         keep: Whether to keep what is simulated beside the study: only if its options name all code.
 
     Raises:
         SettingsError: If the folder holds another study's report or cannot be written to.
     """
-    options, claim = opened.options, _claim(opened, scenario.name)
+    owner, out = Owner(identity_of(file), options.study, options.scenario), options.out
+    default = default_folder(options, scenario.name)
+    claim = claim_default(default, owner) if out is None else claim_given(out, owner)
     with ExitStack() as stack:
         stack.callback(claim.release)
-        simulator = _simulator(stack, opened, scenario, keep) if asks else None
-        with _learning(opened.file.state, messages):
+        simulator = _simulator(stack, file, options, scenario, keep=keep) if asks else None
+        with _learning(file.state, messages):
             interview = Interview(
                 scenario,
-                opened.file,
+                file,
                 ahead=asks and options.by_a_person,
                 asks=asks,
                 simulator=simulator,
                 at_once=options.at_once,
             )
-        yield Calibration(opened, interview, claim, messages)
+        yield Calibration(options, interview, claim, messages, resumed)
 
 
 @contextmanager
@@ -505,9 +515,11 @@ def _learning(state: State, messages: Console) -> Iterator[None]:
         late.cancel()
 
 
-def _simulator(stack: ExitStack, opened: Opened, scenario: Scenario, keep: bool) -> Simulator | None:
+def _simulator(
+    stack: ExitStack, file: StudyFile, options: Options, scenario: Scenario, *, keep: bool
+) -> Simulator | None:
     """Return what the study's agent simulates with, for the knobs of the study; None if nothing."""
-    state, options = opened.file.state, opened.options
+    state = file.state
     if not is_simulating(state):
         return None
     studied, limit = as_studied(scenario, state), options.run_timeout
@@ -515,10 +527,10 @@ def _simulator(stack: ExitStack, opened: Opened, scenario: Scenario, keep: bool)
         isolated = stack.enter_context(isolation(options.twin, limit))
         studied = twin_of(studied, isolated(load(options.twin)))
     kept, given = None, studied.source.candidates is not None  # rows of a table: there is nothing to run
-    if keep and opened.name is not None and not given:
+    if keep and options.study is not None and not given:
         source = options.scenario if options.twin is None else options.twin
         key = key_of(studied, source, state.configuration, versions())
-        kept = Kept(simulated_beside(Path(opened.file.path)), key)
+        kept = Kept(simulated_beside(Path(file.path)), key)
     jobs = 0 if given else None
     simulator = Simulator(
         studied, seed=options.seed, jobs=jobs, longest=limit, kept=kept, robust=options.robust
@@ -527,20 +539,13 @@ def _simulator(stack: ExitStack, opened: Opened, scenario: Scenario, keep: bool)
     return simulator
 
 
-def _claim(opened: Opened, scenario: str) -> Ownership:
-    """Claim the folder of the report: the requested one, or a free default one."""
-    owner, out = Owner(identity_of(opened.file), opened.name, opened.options.scenario), opened.options.out
-    return claim_default(default_folder(opened, scenario), owner) if out is None else claim_given(out, owner)
-
-
-def default_folder(opened: Opened, scenario: str) -> Path:
+def default_folder(options: Options, scenario: str) -> Path:
     """Return the default folder of the report: prefcal-STUDY.
 
     For a study in memory, the scenario and the seed stand in for the name.
     """
-    if opened.name is None:
-        return Path(f"prefcal-{scenario}-{opened.options.seed}")
-    return Path(f"prefcal-{study_path(opened.name).stem}")
+    name = f"{scenario}-{options.seed}" if options.study is None else study_path(options.study).stem
+    return Path(f"prefcal-{name}")
 
 
 def report_of(given: Mapping[str, Any]) -> None:
@@ -554,19 +559,19 @@ def report_of(given: Mapping[str, Any]) -> None:
         SettingsError: If its cost is a program and must be given.
     """
     given = completed(given)
-    name, source, cost = given["study"], given["scenario"], given["cost"]
+    name, source, cost = given["study"], given["scenario"], given.get("cost")
     with open_described(existing(name)) as file, isolation(source, early=False) as isolated:
         scenario = isolated(with_cost(load(source), cost))
         stored = by_now(file.state)
         if cost is not None and stored.get("cost") is not None:
             stored["cost"] = cost  # the file may have moved
         # A report simulates nothing, so its twin is taken as it is.
-        options = Options.resumed(stored, {**given, "twin": stored.get("twin")})
+        options = Options.resumed(stored, {"twin": stored.get("twin"), **given})
         if not file.state.history.answered:
             raise StudyError(f"study {name!r} has no completed experiment yet: nothing to report")
+        messages = Console(stderr=True, emoji=False)
         # A page may have the study open: writing an event here would make its next answer fail.
-        opened, messages = Opened(file, options, name, resumed=True), Console(stderr=True, emoji=False)
-        with calibration(opened, scenario, messages, asks=False) as work:
+        with calibration(file, options, scenario, messages, resumed=True, asks=False) as work:
             work.tell(work.write())
 
 
@@ -585,7 +590,7 @@ def run(given: Mapping[str, Any]) -> int:
     resumed.
 
     Args:
-        given: Values of the fields of `Options`, None for options that were not typed.
+        given: Values of fields of `Options`, as far as they were typed.
 
     Raises:
         PrefcalError: If the options do not fit the scenario, the study or the machine.
@@ -595,17 +600,22 @@ def run(given: Mapping[str, Any]) -> int:
     messages = Console(stderr=True, emoji=False)
     with interruption(others=True) as ctrl_c:
         ctrl_c.on_press = lambda: messages.print("Stopping ...", highlight=False)
-        with isolation(source, given["run_timeout"], at_once=options.at_once) as isolated:
+        with isolation(source, options.run_timeout, at_once=options.at_once) as isolated:
             with ctrl_c.allowed():  # nothing is open yet
-                scenario = isolated(with_cost(load(source), given["cost"]))
+                scenario = isolated(with_cost(load(source), options.cost))
             if options.by_a_person and not options.terminal:
                 # Imported here: unattended runs need no web server.
                 from prefcal_app.web.serve import bind
 
                 bind(options.host, options.port).close()  # a taken port is said before the study starts
-            opened = open_study(given, scenario, given["study"])
-            with kept_if_worth_it(opened, scenario, messages):
-                return _run(opened, scenario, ctrl_c, messages)
+            file, options, resumed = open_study(given, scenario)
+            with (
+                kept_if_worth_it(file, options, scenario, messages, resumed=resumed),
+                calibration(file, options, scenario, messages, resumed=resumed) as work,
+            ):
+                ctrl_c.on_press = partial(_say_stopping, work)
+                _introduce(work)
+                return (_attended if options.by_a_person else _unattended)(work, ctrl_c)
 
 
 def choose(typed: Mapping[str, Any]) -> int:
@@ -617,47 +627,29 @@ def choose(typed: Mapping[str, Any]) -> int:
     Raises:
         PrefcalError: If there is no such table, or the options do not fit it, the study or the machine.
     """
-    name, config = typed["table"], {key: listed(typed[key]) for key in ("lower", "higher", "kpis")}
+    name, config = typed["table"], {key: listed(typed.get(key, ())) for key in ("lower", "higher", "kpis")}
     if not is_table(name):
         raise RecordError(f"expected a table ({', '.join(TABLES)}) or the URL of a storage, got {name!r}")
-    config = {key: value for key, value in {**config, "of": typed["of"]}.items() if value}
+    config = {key: value for key, value in {**config, "of": typed.get("of")}.items() if value}
     source = joined_source(name, config) if config else name
-    options = parameters_of(Options).items()
-    wanted = {n: p.given(typed[n]) if n in typed else None if p.kept else p.default for n, p in options}
-    if typed["study"] is None or not study_path(typed["study"]).is_file():
+    wanted = {option: typed[option] for option in CHOOSING if option in typed}
+    if "study" not in typed or not study_path(typed["study"]).is_file():
         found = load(source)
         if "://" in name:  # more trials may follow
             source = joined_source(name, {**config, "until": int(found.space.knobs[0].high)})
         assert found.source.candidates is not None
         count = len(found.source.candidates)
-        if (wanted["n_max"] or 0) > count:
+        if wanted.setdefault("n_max", min(count, 11)) > count:
             raise SettingsError(
                 f"--n-max must be at most {count}, all that can be chosen, got {wanted['n_max']}"
             )
-        wanted |= {"simulate": count, "n_max": wanted["n_max"] or min(count, 11)}
+        wanted["simulate"] = count
     return run({**wanted, "scenario": source})
-
-
-def _run(opened: Opened, scenario: Scenario, ctrl_c: Interruption, messages: Console) -> int:
-    """Collect the answers and write the report in a folder that belongs to the study."""
-    file, name = opened.file, opened.name
-    try:
-        with calibration(opened, scenario, messages) as work:
-            ctrl_c.on_press = lambda: _say_stopping(work)
-            _introduce(work)
-            return (_attended if opened.options.by_a_person else _unattended)(work, ctrl_c)
-    except KeyboardInterrupt:
-        has_report = name and file.state.history.answered
-        later = f"; its report: prefcal report {name}" if has_report else ""
-        saved = file.trouble() or (f"Every answer is saved{later}" if name else "")
-        say(messages, f"Stopped at once. {saved}".strip())
-        raise
 
 
 def _introduce(work: Calibration) -> None:
     """Print the report's folder if it may be unexpected, and what a run left on the plant."""
-    folder, opened = work.claim.folder, work.opened
-    default = default_folder(opened, work.interview.scenario.name)
+    folder, default = work.claim.folder, default_folder(work.options, work.interview.scenario.name)
     if folder.name != default.name and work.options.out is None:
         work.say(f"{default} holds another study's report: this one goes to {folder}.")
     for remark in work.remarks:
@@ -676,8 +668,8 @@ def _say_stopping(work: Calibration) -> None:
 
 def _attended(work: Calibration, ctrl_c: Interruption) -> int:
     """Let a person answer, with pauses of any length; return the exit code."""
-    how = "resumed" if work.opened.resumed else "started"
-    work.say(f"Study {work.opened.name} {how}. Every answer is saved at once.")
+    how = "resumed" if work.resumed else "started"
+    work.say(f"Study {work.options.study} {how}. Every answer is saved at once.")
     work.say(f"Stop any time, and resume with: {work.again}")
     (_in_terminal if work.options.terminal else _in_window)(work, ctrl_c)
     if work.left:
@@ -686,7 +678,7 @@ def _attended(work: Calibration, ctrl_c: Interruption) -> int:
             f"restored at the next start: {work.again}"
         )
     over = work.over
-    if work.reportable and (trouble := work.opened.file.trouble()) is not None:
+    if work.reportable and (trouble := work.file.trouble()) is not None:
         raise StudyError(trouble)
     if not over and work.reportable:
         work.say(f"Stopped; every answer is saved. Resume: {work.again}")

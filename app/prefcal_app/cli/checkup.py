@@ -267,18 +267,14 @@ class Checkup:
         yield Finding("study file", same, f"{len(content) / 1000:.0f} kB an experiment, unpacked")
 
 
-def run(given: Mapping[str, Any], options: CheckOptions) -> int:
-    """Check a scenario and print the findings; return 1 if anything is wrong, else 0.
-
-    Args:
-        given: Values of the options by name, None for those that were not typed.
-        options: The same with their defaults.
+def run(typed: Mapping[str, Any]) -> int:
+    """Check a scenario as typed and print the findings; return 1 if anything is wrong, else 0.
 
     Raises:
         ScenarioError: If an option cannot be read.
         SettingsError: If an option does not fit the scenario, or θ or the picture's file is invalid.
     """
-    source = completed(given)["scenario"]
+    options, source = CheckOptions(**typed), completed(typed)["scenario"]
     with isolation(source, options.run_timeout) as isolated:
         try:
             scenario = isolated(load(source))

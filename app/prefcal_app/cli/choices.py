@@ -5,7 +5,7 @@ import re
 import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import count
 from math import inf, isfinite, nan
@@ -416,47 +416,33 @@ def taste_of(name: str, scenario: Scenario) -> tuple[Told, ...]:
 IN_MEMORY = ":memory:"
 
 
-@dataclass(frozen=True, slots=True)
-class Opened:
-    """An open study.
-
-    Args:
-        file: Study file.
-        options: Options that the study was started with, updated by those given now.
-        name: Name of the study, as in `--study`; None if it is kept in memory only.
-        resumed: Whether the study existed before.
-    """
-
-    file: StudyFile
-    options: Options
-    name: str | None
-    resumed: bool
-
-
-def open_study(given: Mapping[str, Any], scenario: Scenario, name: str | None) -> Opened:
-    """Open the study called `name`, and create it if it does not exist.
+def open_study(given: Mapping[str, Any], scenario: Scenario) -> tuple[StudyFile, Options, bool]:
+    """Open the study that `given` names, and create it if it does not exist.
 
     Without a name, a person's study gets the next free name in their data folder, and a synthetic
     calibrator's study is kept in memory, since it can be repeated at any time.
+
+    Returns:
+        The study's file, its options, with its name, as it goes on now, and whether it existed before.
 
     Raises:
         StudyError: If the study cannot be opened or written, or belongs to another scenario.
         SettingsError: If an option contradicts those that the study was started with.
     """
     options = Options.of(given, len(scenario.space), simulated=scenario.simulated)
-    if name is None and not options.by_a_person:
-        return Opened(_create(IN_MEMORY, options, scenario), options, None, False)
-    if name is None:
-        return _open_new(options, scenario)
-    path = study_path(name)
-    if path.is_dir():
-        raise StudyError(f"--study must be a name or a file, but {name!r} is a folder")
-    if path.exists():
-        return _resume(path, name, given, scenario)
-    return Opened(_create(path, options, scenario), options, name, False)
+    if options.study is not None:
+        path = study_path(options.study)
+        if path.is_dir():
+            raise StudyError(f"--study must be a name or a file, but {options.study!r} is a folder")
+        if path.exists():
+            return *_resume(path, given, scenario), True
+        return _create(path, options, scenario), options, False
+    if not options.by_a_person:
+        return _create(IN_MEMORY, options, scenario), options, False
+    return *_create_named(options, scenario), False
 
 
-def _open_new(options: Options, scenario: Scenario) -> Opened:
+def _create_named(options: Options, scenario: Scenario) -> tuple[StudyFile, Options]:
     """Create a study under the first of the names SCENARIO-1, SCENARIO-2, ... that is free."""
     base = re.sub(r"[^A-Za-z0-9_-]+", "-", scenario.name).strip("-") or "study"
     for number in count(1):
@@ -464,7 +450,7 @@ def _open_new(options: Options, scenario: Scenario) -> Opened:
         if path.exists() or left_beside(path):
             continue
         try:
-            return Opened(_create(path, options, scenario), options, name, False)
+            return _create(path, options, scenario), replace(options, study=name)
         except StudyError as error:
             if not isinstance(error.__cause__, FileExistsError):
                 raise  # otherwise another command has just taken the name
@@ -504,18 +490,18 @@ def _configuration(options: Options, scenario: Scenario) -> dict[str, Any]:
     return plain
 
 
-def _resume(path: Path, name: str, given: Mapping[str, Any], scenario: Scenario) -> Opened:
+def _resume(path: Path, given: Mapping[str, Any], scenario: Scenario) -> tuple[StudyFile, Options]:
     with ExitStack() as undo:
         file = undo.enter_context(open_described(path, writing=True))
         state = file.state
         if state.configuration["name"] != scenario.name:
             raise StudyError(
-                f"study {name!r} calibrates {state.configuration['name']!r}, "
+                f"study {given['study']!r} calibrates {state.configuration['name']!r}, "
                 f"not {scenario.name!r}: name that scenario, or another study"
             )
         if given.get("n_max") == state.configuration["options"]["n_max"]:
             # The same command again: keep the experiments that were added on the page.
-            given = {**given, "n_max": None}
+            given = {name: value for name, value in given.items() if name != "n_max"}
         options = Options.resumed(by_now(state), given)
         if options.questions_per_experiment != questions_of(state.configuration):
             _raise_first(_not_taken(options))
@@ -523,7 +509,7 @@ def _resume(path: Path, name: str, given: Mapping[str, Any], scenario: Scenario)
         if options.n_max > state.n_max:
             file.append(Extended(options.n_max), *([Reopened()] if state.ended else []))
         undo.pop_all()  # it stays open
-    return Opened(file, options, name, True)
+    return file, options
 
 
 def by_now(state: State) -> dict[str, Any]:
@@ -554,30 +540,39 @@ def _by_a_person(event: Event) -> bool:
 
 
 @contextmanager
-def kept_if_worth_it(opened: Opened, scenario: Scenario, messages: Console) -> Iterator[None]:
+def kept_if_worth_it(
+    file: StudyFile, options: Options, scenario: Scenario, messages: Console, *, resumed: bool
+) -> Iterator[None]:
     """Close a study at the end; remove it if it was started here and is not worth keeping.
 
     Args:
-        opened: Study to close.
+        file: Study to close.
+        options: Its options, with its name.
         scenario: Scenario of the study.
-        messages: Where to print that the study was not kept, unless an error is printed anyway.
+        messages: Where to print what becomes of the study, unless an error is printed anyway.
+        resumed: Whether the study existed before.
     """
-    keep, refused = True, False
+    keep, refused, name = True, False, options.study
     try:
-        with opened.file as file:
+        with file:
             try:
                 yield
             except PrefcalError:
                 refused = True
                 raise
+            except KeyboardInterrupt:
+                later = f"; its report: prefcal report {name}" if file.state.history.answered else ""
+                saved = file.trouble() or (f"Every answer is saved{later}" if name else "")
+                say(messages, f"Stopped at once. {saved}".strip())
+                raise
             finally:
-                keep = opened.resumed or opened.name is None or worth_keeping(file, scenario)
+                keep = resumed or name is None or worth_keeping(file, scenario)
                 # Another file that was put in its place is not ours to remove.
                 keep = keep or not file.in_place or file.trouble() is not None
     finally:
         # A study that is open in another process, which may add answers, is not removed.
         with suppress(StudyError):
             if not keep:
-                remove_study(opened.file.path)
+                remove_study(file.path)
                 if not refused:
-                    say(messages, f"No answer was given, so study {opened.name} was not kept.")
+                    say(messages, f"No answer was given, so study {name} was not kept.")

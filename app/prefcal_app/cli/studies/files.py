@@ -297,7 +297,7 @@ def completed(given: Mapping[str, Any]) -> dict[str, Any]:
     be described by a plant that is.
 
     Args:
-        given: Values of a command's options by name, None for options that were not typed.
+        given: Values of a command's options by name.
 
     Raises:
         ScenarioError: If an option cannot be read.
@@ -305,7 +305,7 @@ def completed(given: Mapping[str, Any]) -> dict[str, Any]:
         StudyError: If there is no such study where no scenario is given, or its scenario is a
             program that is not named.
     """
-    source, study, words = given["scenario"], given.get("study"), _described(given)
+    source, study, words = given.get("scenario"), given.get("study"), _described(given)
     kept: Mapping[str, Any] = {}
     if study is not None and (source is None or study_path(study).is_file()):
         with open_described(existing(study)) as file:
@@ -327,7 +327,7 @@ def completed(given: Mapping[str, Any]) -> dict[str, Any]:
         # A study from another person must not decide which program runs here; a KPI's name is none.
         if cost is None and known is not None and not is_own(str(known)):
             cost = str(known)
-    return {**given, "scenario": source, "cost": cost}
+    return {**given, "scenario": source} | ({} if cost is None else {"cost": cost})
 
 
 def _with_words(source: str, words: Mapping[str, Any]) -> str:
@@ -347,7 +347,7 @@ def _with_words(source: str, words: Mapping[str, Any]) -> str:
 
 def _described(given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the typed options as keys of a description."""
-    found = {key: given[key] for key in ("plant", "stop_time") if given.get(key) is not None}
+    found = {key: given[key] for key in ("plant", "stop_time") if key in given}
     if given.get("knob"):
         names = [knob_of(text).name for text in given["knob"]]
         texts = [text.partition("=")[2].strip() for text in given["knob"]]
@@ -485,15 +485,11 @@ def findings_of(name: str) -> tuple[int, tuple[str, ...]]:
 _Part = tuple[float, float]
 
 
-def respaced_in_words(changes: RespaceOptions, typed: Mapping[str, Any]) -> Iterator[str]:
-    """Change the space of a study, and yield the new one in words; for errors see `respace`.
-
-    Args:
-        changes: The changes as typed.
-        typed: All options as typed, of which some name the study and its scenario.
-    """
-    source = completed({name: typed[name] for name in ("study", "scenario", "plant")})["scenario"]
-    yield from in_words(respace(changes, source))
+def respaced_in_words(typed: Mapping[str, Any]) -> Iterator[str]:
+    """Change the space of a study as typed, and yield the new one in words; for errors see `respace`."""
+    # Its --knob is no description of the scenario.
+    of_study = {name: typed[name] for name in ("study", "scenario", "plant") if name in typed}
+    yield from in_words(respace(RespaceOptions(**typed), completed(of_study)["scenario"]))
 
 
 def respace(changes: RespaceOptions, source: str) -> KnobSpace:
