@@ -53,7 +53,7 @@ def record(interview):
 @pytest.fixture
 def told(record, tmp_path):
     """What `prefcal report --json` says."""
-    return json.loads(as_json(record, OPTIONS, tmp_path, "mine"))
+    return json.loads(as_json(record, OPTIONS, tmp_path))
 
 
 def test_the_study_has_all_that_could_be_counted_differently(interview):

@@ -1,4 +1,8 @@
-"""Run the command line `prefcal`; agents, plants and plots are imported only when needed."""
+"""Run the command line `prefcal`; agents, plants and plots are imported only when needed.
+
+What does not fit (an option, a study, a scenario, the machine) raises a `PrefcalError` wherever it is
+found in this package. `main` prints it as one line.
+"""
 
 import errno
 import logging
@@ -11,23 +15,19 @@ import typer
 
 from .commands import app as app
 
-_REFUSED = {
-    number
-    for name in (
-        "ENAMETOOLONG",
-        "ENOSPC",
-        "EDQUOT",
-        "EACCES",
-        "EPERM",
-        "EROFS",
-        "EIO",
-        "ELOOP",
-        "EISDIR",
-        "EMFILE",
-    )
-    if (number := getattr(errno, name, None))  # Windows lacks some of them
-}
-"""Numbers of the errors of a system that refuses a file: no fault of ours, so that no traceback helps."""
+_REFUSED = [
+    "ENAMETOOLONG",
+    "ENOSPC",
+    "EDQUOT",
+    "EACCES",
+    "EPERM",
+    "EROFS",
+    "EIO",
+    "ELOOP",
+    "EISDIR",
+    "EMFILE",
+]
+"""Errors of a system that refuses a file: no fault of ours, so that no traceback helps."""
 
 
 def main() -> None:
@@ -64,7 +64,7 @@ def _own(error: Exception) -> tuple[str, int] | None:
 
 def _of_the_system(error: Exception) -> tuple[str, int] | None:
     """Return the message and exit code if the system refuses a file: a full disk, rights, a long name."""
-    if not isinstance(error, OSError) or error.errno not in _REFUSED:
+    if not isinstance(error, OSError) or errno.errorcode.get(error.errno or 0) not in _REFUSED:
         return None
     name = "" if error.filename is None else f": {str(error.filename)!r:.80}"
     return f"{(error.strerror or str(error)).lower()}{name}", 1

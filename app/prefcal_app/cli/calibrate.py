@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -64,9 +64,6 @@ from .choices import (
 from .options import CHOOSING, Options
 from .parameters import kept_by
 from .studies.files import as_text, completed, existing, open_described
-
-if TYPE_CHECKING:
-    from prefcal_app.web import Window
 
 # --- Handle Ctrl-C at any moment: acknowledge it, stop, and keep all results in whole files.
 
@@ -143,6 +140,7 @@ def record_of(interview: Interview, options: Options, references: Mapping[str, E
     """Return the record of the study as it stands, for reports."""
     now = interview.now()
     state = now.state
+    then, today = _fingerprints(options, state)
     agent = state.configuration["agent"]
     winners = state.history.incumbents()  # after each closed query; the last is the best now
     waiting = sorted(index for index in state.finished if index >= state.history.answered)
@@ -170,15 +168,9 @@ def record_of(interview: Interview, options: Options, references: Mapping[str, E
         study=options.study or "",
         dates=tuple(dict.fromkeys((times[0], times[-1]))),
         baseline=baseline_of(state),
-        fingerprint=_fingerprint(options, state),
+        fingerprint=then if then == today else f"{then}; its files have changed since, now {today}",
         digest=interview.file.digest if options.by_a_person and interview.file.path != IN_MEMORY else "",
     )
-
-
-def _fingerprint(options: Options, state: State) -> str:
-    """Return the fingerprint of the scenario, as it was at the start if that is known."""
-    then, now = _fingerprints(options, state)
-    return then if then == now else f"{then}; its files have changed since, now {now}"
 
 
 def _fingerprints(options: Options, state: State) -> tuple[str, str]:
@@ -226,9 +218,7 @@ def references(scenario: Scenario, seed: int, say: Callable[[str], None]) -> dic
     return experiments
 
 
-def as_json(
-    record: StudyRecord, options: Options, report: Path | None, study: str | None, simulated: int | None = 0
-) -> str:
+def as_json(record: StudyRecord, options: Options, report: Path | None, simulated: int | None = 0) -> str:
     """Return the result as strict, indented JSON, with null for missing numbers or no report."""
     best = record.best
     content = {
@@ -244,7 +234,7 @@ def as_json(
         "agent": options.agent,
         "calibrator": options.calibrator,
         "seed": options.seed,
-        "study": study,
+        "study": options.study,
         "stopped": record.stopped,
     }
     return as_text(content)
@@ -348,13 +338,8 @@ class Calibration:
     def again(self) -> str:
         """Return the command that resumes the study."""
         options = self.options
-        words = [
-            "prefcal",
-            "choose" if is_table(options.scenario) else "calibrate",
-            *words_to_resume(options.scenario),
-            "--study",
-            self.options.study or "",
-        ]
+        words = ["prefcal", "choose" if is_table(options.scenario) else "calibrate"]
+        words += [*words_to_resume(options.scenario), "--study", options.study or ""]
         words += [] if options.cost is None else ["--cost", options.cost]
         if options.twin is not None and is_own(options.twin):
             words += ["--twin", options.twin]
@@ -377,12 +362,10 @@ class Calibration:
 
         Takes no lock, since the handler of Ctrl-C calls it at any point.
         """
-        file = self.file
-        if not file.state.history.answered:
+        if not self.file.state.history.answered:
             return False
-        if not self.options.by_a_person or self.resumed:
-            return True
-        return worth_keeping(file, self.interview.scenario)
+        kept = not self.options.by_a_person or self.resumed
+        return kept or worth_keeping(self.file, self.interview.scenario)
 
     def say(self, text: str) -> None:
         """Print one line for the user, whatever is in it."""
@@ -403,9 +386,6 @@ class Calibration:
         Args:
             failed: Whether the scenario has just failed: no references run, and nothing more is
                 said about its cost.
-
-        Raises:
-            StudyError: If it cannot be written, for example because the disk is full.
         """
         options, scenario, wanted = self.options, self.interview.scenario, self.reportable
         self.interview.known.foresight(learn=True)
@@ -437,7 +417,7 @@ class Calibration:
         options = self.options
         report = self.claim.folder / "report.html" if self.reportable else None
         if options.json:
-            print(as_json(record, options, report, self.options.study, self._simulated), flush=True)
+            print(as_json(record, options, report, self._simulated), flush=True)
         elif report is None:
             self.say("Nothing to report: no experiment was compared.")
         else:
@@ -478,9 +458,6 @@ def calibration(
         resumed: Whether the study existed before.
         asks: Whether experiments may run, and events be written.
         keep: Whether to keep what is simulated beside the study: only if its options name all code.
-
-    Raises:
-        SettingsError: If the folder holds another study's report or cannot be written to.
     """
     owner, out = Owner(identity_of(file), options.study, options.scenario), options.out
     default = default_folder(options, scenario.name)
@@ -549,15 +526,7 @@ def default_folder(options: Options, scenario: str) -> Path:
 
 
 def report_of(given: Mapping[str, Any]) -> None:
-    """Write the report of a study.
-
-    Args:
-        given: Values of the options of `prefcal report`, None for those that were not typed.
-
-    Raises:
-        StudyError: If there is no such study, or its scenario must be given.
-        SettingsError: If its cost is a program and must be given.
-    """
+    """Write the report of a study, as typed."""
     given = completed(given)
     name, source, cost = given["study"], given["scenario"], given.get("cost")
     with open_described(existing(name)) as file, isolation(source, early=False) as isolated:
@@ -584,16 +553,9 @@ GONE = 20.0
 
 
 def run(given: Mapping[str, Any]) -> int:
-    """Run the study, write its report, and print the result; return the exit code.
+    """Run the study that these fields of `Options` describe, and tell its result; return the exit code.
 
-    A study that ends early still gets a report of the comparisons so far, and a study file can be
-    resumed.
-
-    Args:
-        given: Values of fields of `Options`, as far as they were typed.
-
-    Raises:
-        PrefcalError: If the options do not fit the scenario, the study or the machine.
+    A study that ends early still gets a report of the comparisons so far, and can be resumed.
     """
     given = completed(given)
     source, options = given["scenario"], Options.of(given)
@@ -619,14 +581,7 @@ def run(given: Mapping[str, Any]) -> int:
 
 
 def choose(typed: Mapping[str, Any]) -> int:
-    """Let a person choose among the runs of a table; return the exit code.
-
-    Args:
-        typed: Values of the options of `prefcal choose`.
-
-    Raises:
-        PrefcalError: If there is no such table, or the options do not fit it, the study or the machine.
-    """
+    """Let a person choose among the runs of a table, as typed; return the exit code."""
     name, config = typed["table"], {key: listed(typed.get(key, ())) for key in ("lower", "higher", "kpis")}
     if not is_table(name):
         raise RecordError(f"expected a table ({', '.join(TABLES)}) or the URL of a storage, got {name!r}")
@@ -685,12 +640,14 @@ def _attended(work: Calibration, ctrl_c: Interruption) -> int:
     return INTERRUPTED if ctrl_c.pressed and not over else 0
 
 
-def _window(work: Calibration) -> "Window":
+def _in_window(work: Calibration, ctrl_c: Interruption) -> None:
+    """Serve the query window until it is closed."""
     # Imported here: unattended runs need no web server.
-    from prefcal_app.web import Window
+    from prefcal_app.web import Window, open_browser
 
-    options = work.options
-    return Window(
+    options, telling = work.options, _Telling(work)
+    links = work.messages.file if options.json else None
+    served = Window(
         work.interview,
         host=options.host,
         port=options.port,
@@ -698,15 +655,7 @@ def _window(work: Calibration) -> "Window":
         command=options.command(),
         remarks=work.remarks,
     )
-
-
-def _in_window(work: Calibration, ctrl_c: Interruption) -> None:
-    """Serve the query window until it is closed."""
-    from prefcal_app.web import open_browser
-
-    options, telling = work.options, _Telling(work)
-    links = work.messages.file if options.json else None
-    with _window(work) as window, Background(work.interview):
+    with served as window, Background(work.interview):
         if window.warning:
             work.say(window.warning)
         # A link stands on a line of its own, unwrapped and flushed, so that programs can read it.

@@ -268,12 +268,7 @@ class Checkup:
 
 
 def run(typed: Mapping[str, Any]) -> int:
-    """Check a scenario as typed and print the findings; return 1 if anything is wrong, else 0.
-
-    Raises:
-        ScenarioError: If an option cannot be read.
-        SettingsError: If an option does not fit the scenario, or θ or the picture's file is invalid.
-    """
+    """Check a scenario as typed and print the findings; return 1 if anything is wrong, else 0."""
     options, source = CheckOptions(**typed), completed(typed)["scenario"]
     with isolation(source, options.run_timeout) as isolated:
         try:
@@ -373,11 +368,7 @@ def _table(findings: Sequence[Finding]) -> Table:
 
 
 def middle_of(scenario: Scenario) -> Float[np.ndarray, " n"]:
-    """Return the allowed θ nearest to the middle of the box, physical, shape (n,).
-
-    Raises:
-        ScenarioError: If the constraints allow none of many random θ.
-    """
+    """Return the allowed θ nearest to the middle of the box, physical, shape (n,)."""
     space = scenario.space
     lower, upper = space.corners
     middle = (lower + upper) / 2

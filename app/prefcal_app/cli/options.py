@@ -75,10 +75,9 @@ class Described:
 class Options(Described):
     """Options of `prefcal calibrate`, in the order of its help.
 
-    To add an option, add a field with its default and placeholder, and its help below. One with
-    `kept` is stored and checked in the study file and cannot change on resuming unless `anew` is
-    set; one without applies to a single run. None stands for the default of the component that
-    takes the value.
+    To add an option, add a field, annotated as typer wants it, and its help below. One with `Kept`
+    is stored in the study file, and cannot change on resuming unless `anew` is set; one without
+    applies to a single run. None stands for the default of the component that takes the value.
 
     Args:
         calibrator: Who compares: human, or one of the scenario's synthetic calibrators.
@@ -114,9 +113,6 @@ class Options(Described):
         host: Address to serve the page on. 0.0.0.0 makes it reachable from other machines.
         port: Port of the page.
         json: Print only JSON on standard output (messages go to standard error).
-
-    Raises:
-        SettingsError: If a number is too small, or `n_init` is above `n_max`.
     """
 
     calibrator: Annotated[str, Option(metavar="NAME"), Kept("calibrator", always=True)] = HUMAN
@@ -206,11 +202,7 @@ class Options(Described):
 
     @classmethod
     def resumed(cls, stored: Mapping[str, Any], given: Mapping[str, Any]) -> "Options":
-        """Return the current options of a study: those it was started with, and allowed changes.
-
-        Raises:
-            SettingsError: If another option is given with a new value.
-        """
+        """Return the current options of a study: those it was started with, and allowed changes."""
         kept = {name: stored[name] for name in kept_by(cls) if name in stored}
         kept["start"] = tuple(kept.get("start", ()))  # a list in JSON
         _check_programs(kept, given)
