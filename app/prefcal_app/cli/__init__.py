@@ -15,18 +15,7 @@ import typer
 
 from .commands import app as app
 
-_REFUSED = [
-    "ENAMETOOLONG",
-    "ENOSPC",
-    "EDQUOT",
-    "EACCES",
-    "EPERM",
-    "EROFS",
-    "EIO",
-    "ELOOP",
-    "EISDIR",
-    "EMFILE",
-]
+_DENIED = ["ENAMETOOLONG", "ENOSPC", "EDQUOT", "EACCES", "EPERM", "EROFS", "EIO", "ELOOP", "EISDIR", "EMFILE"]
 """Errors of a system that refuses a file: no fault of ours, so that no traceback helps."""
 
 
@@ -64,7 +53,7 @@ def _own(error: Exception) -> tuple[str, int] | None:
 
 def _of_the_system(error: Exception) -> tuple[str, int] | None:
     """Return the message and exit code if the system refuses a file: a full disk, rights, a long name."""
-    if not isinstance(error, OSError) or errno.errorcode.get(error.errno or 0) not in _REFUSED:
+    if not isinstance(error, OSError) or errno.errorcode.get(error.errno or 0) not in _DENIED:
         return None
     name = "" if error.filename is None else f": {str(error.filename)!r:.80}"
     return f"{(error.strerror or str(error)).lower()}{name}", 1

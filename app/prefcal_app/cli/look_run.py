@@ -24,8 +24,9 @@ from prefcal_scenarios.scenario import KPI
 from prefcal_scenarios.verification.result import EFFECTS, FILE, VARIED, Verified
 from prefcal_scenarios.wording import printable
 
-from .calibrate import interruption, plain
+from .calibrate import interruption
 from .options import LookOptions, VerifyOptions
+from .result import plain
 from .studies.files import EXPERIMENT, as_text, existing, numbered, open_described
 
 # --- Run `prefcal look`: read the runs, then show the page, a picture or the KPIs.
