@@ -126,17 +126,16 @@ def takes(options: type, *more: Parameter) -> Callable[[Callable[..., None]], Ca
     parameters = {**parameters_of(options), **{each.name: each for each in more}}
 
     def declare(command: Callable[..., None]) -> Callable[..., None]:
-        more = len(inspect.signature(command).parameters) > 1
+        wants_context = len(inspect.signature(command).parameters) > 1
 
         @wraps(command)
         def call(context: Context, **values: Any) -> None:
-            sources = {name: context.get_parameter_source(name) for name in parameters}
             typed = {
-                name: parameters[name].read(values[name])
-                for name, source in sources.items()
-                if source is not None and source.name != "DEFAULT"
+                name: parameter.read(values[name])
+                for name, parameter in parameters.items()
+                if (source := context.get_parameter_source(name)) is not None and source.name != "DEFAULT"
             }
-            command(typed, *([context] if more else []))
+            command(typed, *([context] if wants_context else []))
 
         first = inspect.Parameter("context", inspect.Parameter.POSITIONAL_OR_KEYWORD, annotation=Context)
         rest = [each.signature for each in parameters.values()]
