@@ -8,8 +8,8 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from prefcal_app.cli.calibrate import as_json, record_of
 from prefcal_app.cli.options import Options
+from prefcal_app.cli.result import as_json, record_of
 from prefcal_app.cli.studies.files import summary
 from prefcal_app.report.export import best_as_json
 from prefcal_app.report.record import comparisons_as_csv
@@ -53,7 +53,7 @@ def record(interview):
 @pytest.fixture
 def told(record, tmp_path):
     """What `prefcal report --json` says."""
-    return json.loads(as_json(record, OPTIONS, tmp_path, "mine"))
+    return json.loads(as_json(record, OPTIONS, tmp_path))
 
 
 def test_the_study_has_all_that_could_be_counted_differently(interview):

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from prefcal_app.cli.calibrate import record_of
 from prefcal_app.cli.options import Options
+from prefcal_app.cli.result import record_of
 from prefcal_app.report.write import write_report
 from prefcal_app.session import Choice, Phase
 from prefcal_app.view import history_view, now_view, status_view

@@ -1,31 +1,22 @@
-"""Run the command line `prefcal`; agents, plants and plots are imported only when needed."""
+"""Run the command line `prefcal`; agents, plants and plots are imported only when needed.
+
+What does not fit (an option, a study, a scenario, the machine) raises a `PrefcalError` wherever it is
+found in this package. `main` prints it as one line.
+"""
 
 import errno
 import logging
 import re
 import sys
+from collections.abc import Callable
+from typing import Any
 
 import typer
 
 from .commands import app as app
 
-_REFUSED = {
-    number
-    for name in (
-        "ENAMETOOLONG",
-        "ENOSPC",
-        "EDQUOT",
-        "EACCES",
-        "EPERM",
-        "EROFS",
-        "EIO",
-        "ELOOP",
-        "EISDIR",
-        "EMFILE",
-    )
-    if (number := getattr(errno, name, None))  # Windows lacks some of them
-}
-"""Numbers of the errors of a system that refuses a file: no fault of ours, so that no traceback helps."""
+_DENIED = ["ENAMETOOLONG", "ENOSPC", "EDQUOT", "EACCES", "EPERM", "EROFS", "EIO", "ELOOP", "EISDIR", "EMFILE"]
+"""Errors of a system that refuses a file: no fault of ours, so that no traceback helps."""
 
 
 def main() -> None:
@@ -62,7 +53,7 @@ def _own(error: Exception) -> tuple[str, int] | None:
 
 def _of_the_system(error: Exception) -> tuple[str, int] | None:
     """Return the message and exit code if the system refuses a file: a full disk, rights, a long name."""
-    if not isinstance(error, OSError) or error.errno not in _REFUSED:
+    if not isinstance(error, OSError) or errno.errorcode.get(error.errno or 0) not in _DENIED:
         return None
     name = "" if error.filename is None else f": {str(error.filename)!r:.80}"
     return f"{(error.strerror or str(error)).lower()}{name}", 1
@@ -96,8 +87,10 @@ _MISSING = {
 """Messages for missing arguments, by placeholder."""
 _PLAINER = (
     (r"^invalid value for '(.+?)': (?:value error, )?", r"\1: "),
-    (r"input should be a (valid )?(\w+), unable to parse.*", r"expected an \2"),
+    (r": input should be a (?:valid )?(\w+), unable to parse.*", r": expected an \1"),
     (r"expected an number", "expected a number"),
+    (r": input should be greater than or equal to (\S+)", r" must be at least \1"),
+    (r": input should be less than or equal to (\S+)", r" must be at most \1"),
     (r"^no such option: (\S+) \(possible options: ([^,)]+).*\)", r"no such option: \1. Did you mean \2?"),
     (r"^got unexpected extra arguments? \((.*)\)", r"too many arguments: \1"),
     (r"^got unexpected extra argument\(s\) \((.*)\)", r"too many arguments: \1"),
@@ -126,7 +119,14 @@ def _wrong_call(error: Exception) -> tuple[str, int] | None:
         parameter = getattr(error, "param", None)
         words = _MISSING.get(str(getattr(parameter, "metavar", "")), "").format(scenarios=NAMES)
     words = words or _sentence(str(format_message()), context)
+    words += _got(error, words)
     return f"{words} (help: {getattr(context, 'command_path', 'prefcal')} --help)", code
+
+
+def _got(error: Exception, words: str) -> str:
+    """Return the value that was refused, unless `words` have it: newer versions of typer hide it."""
+    errors: Callable[[], list[Any]] = getattr(error.__cause__, "errors", list)
+    return "".join(f", got {each['input']}" for each in errors()[:1] if repr(each["input"]) not in words)
 
 
 def _sentence(words: str, context: object) -> str:

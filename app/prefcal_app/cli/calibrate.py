@@ -6,19 +6,18 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 from rich.console import Console, RenderableType
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
 from rich.text import Text
 
-from prefcal_agents.registry import agent_class
 from prefcal_app.report.export import versions
 from prefcal_app.report.record import (
     VERDICTS,
@@ -27,46 +26,29 @@ from prefcal_app.report.record import (
     StudyRecord,
     claim_default,
     claim_given,
-    gain_of,
     identity_of,
-    result_table,
 )
 from prefcal_app.session import Background, Interview, Phase, unattended
-from prefcal_app.session.study import as_studied, is_simulating, trust_text
+from prefcal_app.session.study import as_studied, is_simulating
 from prefcal_app.simulating import Kept, Simulator, key_of, twin_of
 from prefcal_app.terminal import converse
 from prefcal_app.terminal.showing import say
-from prefcal_app.view.end import baseline_of
 from prefcal_env.compiling import Compiling
 from prefcal_env.errors import RecordError, RunError, SettingsError, SimulationError, StudyError
-from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.study import Concluded, State, study_path
+from prefcal_env.study import State, StudyFile, study_path
 from prefcal_env.study.file import simulated_beside
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.described.description import listed, words_to_resume
 from prefcal_scenarios.isolated import isolation
 from prefcal_scenarios.names import TABLES, is_own, is_table
-from prefcal_scenarios.own import fingerprint, joined_source
+from prefcal_scenarios.own import joined_source
 from prefcal_scenarios.scenario import Scenario
-from prefcal_scenarios.wording import labeled, printable, theta_text
+from prefcal_scenarios.wording import printable, theta_text
 
-from .choices import (
-    IN_MEMORY,
-    Opened,
-    by_now,
-    follows_cost,
-    kept_if_worth_it,
-    make_calibrator,
-    open_study,
-    with_cost,
-    worth_keeping,
-)
-from .options import Options
-from .parameters import kept_by, parameters_of
-from .studies.files import as_text, completed, existing, open_described
-
-if TYPE_CHECKING:
-    from prefcal_app.web import Window
+from .choices import by_now, kept_if_worth_it, make_calibrator, open_study, with_cost, worth_keeping
+from .options import CHOOSING, Options
+from .result import as_json, changes, record_of, references, show, show_outlook
+from .studies.files import completed, existing, open_described
 
 # --- Handle Ctrl-C at any moment: acknowledge it, stop, and keep all results in whole files.
 
@@ -136,173 +118,6 @@ def interruption(*, others: bool = False) -> Iterator[Interruption]:
             signal.signal(number, earlier)
 
 
-# --- Record what a report says of a study, and print its result as a table or as JSON.
-
-
-def record_of(
-    interview: Interview, options: Options, references: Mapping[str, Experiment], name: str | None = None
-) -> StudyRecord:
-    """Return the record of the study as it stands, for reports."""
-    now = interview.now()
-    state = now.state
-    agent = state.configuration["agent"]
-    winners = state.history.incumbents()  # after each closed query; the last is the best now
-    waiting = sorted(index for index in state.finished if index >= state.history.answered)
-    # What prefcal says of the result comes when it is ready, which is nothing that anybody did.
-    times = [each.at for each in interview.file.events() if not isinstance(each.event, Concluded)]
-    return StudyRecord(
-        scenario=interview.scenario,
-        source=options.scenario,
-        comparisons=interview.past.comparisons(),
-        answered=interview.past.answered(),
-        held=winners if now.incumbent is None else (*winners[:-1], now.incumbent),
-        waiting={index: interview.past.experiment(index) for index in waiting},
-        references=references,
-        settings=options.settings(),
-        # The options name the study of the taste; its answers are in the file, not for people to read.
-        agent_settings={f"{agent['agent']} {k}": v for k, v in agent["settings"].items() if k != "taste"},
-        n_init=options.n_init,
-        n_max=interview.known.n_max,
-        command=options.command(),
-        surrogate=interview.known.surrogate,
-        trust="" if (index := interview.known.index) is None else trust_text(index),
-        ended=state.ended or "",
-        outlook=interview.known.outlook,
-        judged=follows_cost(options, interview.scenario),
-        study=name or "",
-        dates=tuple(dict.fromkeys((times[0], times[-1]))),
-        baseline=baseline_of(state),
-        fingerprint=_fingerprint(options, state),
-        digest=interview.file.digest if options.by_a_person and interview.file.path != IN_MEMORY else "",
-    )
-
-
-def _fingerprint(options: Options, state: State) -> str:
-    """Return the fingerprint of the scenario, as it was at the start if that is known."""
-    then, now = _fingerprints(options, state)
-    return then if then == now else f"{then}; its files have changed since, now {now}"
-
-
-def _fingerprints(options: Options, state: State) -> tuple[str, str]:
-    """Return the fingerprint of the scenario at the start, or now if that is not known, and now."""
-    now = fingerprint(options.scenario)
-    return str(state.configuration.get("fingerprint", now)), now
-
-
-def _changes(opened: Opened) -> Iterator[str]:
-    """Yield what is no longer as it was when a study was begun, and what that means."""
-    state, source = opened.file.state, opened.options.scenario
-    then, now = _fingerprints(opened.options, state)
-    if state.finished and then != now:
-        yield (
-            f"The files of {source} have changed since this study began: its {len(state.finished)} "
-            "experiments ran with the old ones, and are compared with new ones. If that matters, begin anew "
-            f"from what you know: prefcal calibrate {shlex.quote(source)} --start {opened.name}:best"
-        )
-    agent = state.configuration["agent"]
-    made, by = agent["version"], agent_class(agent["agent"]).version
-    if state.history.samples and made != by:
-        yield (
-            f"This study was begun with version {made} of {agent['agent']}: earlier proposals were made by "
-            f"that, the next ones are made by version {by}. Experiments and answers count as before."
-        )
-    if unknown := state.configuration["options"].keys() - {*kept_by(Options), "earlier"}:
-        yield (
-            f"This version of prefcal does not know {', '.join(sorted(unknown))}, with which this study was "
-            "begun: it goes on without."
-        )
-
-
-def references(scenario: Scenario, seed: int, say: Callable[[str], None]) -> dict[str, Experiment]:
-    """Run the reference θ; leave out those that fail, since the study itself is complete."""
-    if scenario.source.asks or not scenario.references:
-        return {}
-    if scenario.source.hangs:
-        say("The references did not run: the last run had to be ended.")
-        return {}
-    experiments: dict[str, Experiment] = {}
-    for name, theta in scenario.references.items():
-        try:
-            experiments[name] = scenario.run(theta, seed=seed)
-        except Exception as error:  # a rig can raise anything
-            say(f"The reference {name!r} did not run: {error}")
-    return experiments
-
-
-def as_json(
-    record: StudyRecord, options: Options, report: Path | None, study: str | None, simulated: int | None = 0
-) -> str:
-    """Return the result as strict, indented JSON, with null for missing numbers or no report."""
-    best = record.best
-    content = {
-        "best": None if best is None else record.scenario.space.named(best.experiment.theta),
-        "cost": None if best is None else best.cost,
-        "kpis": None if best is None else dict(best.experiment.kpis),
-        "experiments": len(record.trials),
-        "questions": record.questions,
-        "simulated": simulated,
-        "verdicts": record.verdict_counts(),
-        "report": None if report is None else str(report),
-        "scenario": options.scenario,
-        "agent": options.agent,
-        "calibrator": options.calibrator,
-        "seed": options.seed,
-        "study": study,
-        "stopped": record.stopped,
-    }
-    return as_text(content)
-
-
-_SIGNS = {None: ("  ", ""), True: (" ✓", "green"), False: (" ✗", "red")}
-"""Sign and style of a value that meets its objective, or does not."""
-_STYLES = {"yes": "green", "no": "red"}  # style of a cell by its last class
-
-
-def show(record: StudyRecord, report: Path, console: Console) -> None:
-    """Print what was gained, the best θ next to the references, and the path of the report."""
-    if record.best is not None:
-        gain, result = gain_of(record), result_table(record)
-        if not gain["same"]:
-            console.print(_drawn(gain["title"], gain["table"]))
-        shown = _drawn(record.scenario.title, result)
-        shown.columns[1].style = "bold blue"
-        console.print(shown)
-        if gain["before"]:
-            say(console, gain["back"])
-    show_outlook(record, console)
-    console.print(Text.assemble("Report: ", (str(report), "bold")), soft_wrap=True)
-
-
-def show_outlook(record: StudyRecord, console: Console, said: Sequence[str] = ()) -> None:
-    """Print whether to continue, and what is said of the result; not again what was `said`."""
-    for line in () if record.outlook is None else record.outlook.lines:
-        if line not in said:
-            console.print(line, soft_wrap=True, markup=False, highlight=False)
-
-
-def _drawn(title: str, table: Mapping[str, Any]) -> Table:
-    """Return a table of the view for the console: a column of names, and columns of values."""
-    drawn = Table("", title=plain(title), title_style="bold", title_justify="left")
-    for column in table["columns"][1:]:
-        drawn.add_column(plain(column["name"]), justify="right")
-    signed = {k for row in table["rows"] for k, cell in enumerate(row["cells"]) if cell["met"] is not None}
-    for row in table["rows"]:
-        cells = [
-            Text.assemble(
-                (cell["text"], _STYLES.get(cell["kind"].rpartition(" ")[2], "")),
-                _SIGNS[cell["met"]] if k in signed else "",
-            )
-            for k, cell in enumerate(row["cells"])
-        ]
-        drawn.add_row(plain(labeled(row["name"], row["unit"])), *cells)
-    return drawn
-
-
-def plain(text: str) -> str:
-    """Return a name out of the user's file as text that moves no cursor and is no markup."""
-    return escape(printable(text))
-
-
 # --- An open study with all that works on it: its interview, its simulator and its report.
 
 _SOON = 0.5  # seconds after which it is said what takes time, where no spinner can turn
@@ -314,21 +129,23 @@ class Calibration:
     """An open study at work; its report can be written again and again while it runs.
 
     Args:
-        opened: Study.
-        interview: Interview, which holds the agent and the study file.
+        options: What is calibrated, and how.
+        interview: Interview, which holds the scenario, the agent and the study file.
         claim: Claim on the folder of the report.
         messages: Console for messages, standard error.
+        resumed: Whether the study existed before.
     """
 
-    opened: Opened
+    options: Options
     interview: Interview
     claim: Ownership
     messages: Console
+    resumed: bool
 
     @property
-    def options(self) -> Options:
-        """Return the options of the study."""
-        return self.opened.options
+    def file(self) -> StudyFile:
+        """Return the study file."""
+        return self.interview.file
 
     @property
     def over(self) -> bool:
@@ -349,13 +166,8 @@ class Calibration:
     def again(self) -> str:
         """Return the command that resumes the study."""
         options = self.options
-        words = [
-            "prefcal",
-            "choose" if is_table(options.scenario) else "calibrate",
-            *words_to_resume(options.scenario),
-            "--study",
-            self.opened.name or "",
-        ]
+        words = ["prefcal", "choose" if is_table(options.scenario) else "calibrate"]
+        words += [*words_to_resume(options.scenario), "--study", options.study or ""]
         words += [] if options.cost is None else ["--cost", options.cost]
         if options.twin is not None and is_own(options.twin):
             words += ["--twin", options.twin]
@@ -364,7 +176,7 @@ class Calibration:
     @property
     def remarks(self) -> tuple[str, ...]:
         """Return what is no longer as it was when a study that goes on now was begun, a line each."""
-        return tuple(_changes(self.opened)) if self.opened.resumed else ()
+        return tuple(changes(self.options, self.file.state)) if self.resumed else ()
 
     @property
     def left(self) -> str:
@@ -378,12 +190,10 @@ class Calibration:
 
         Takes no lock, since the handler of Ctrl-C calls it at any point.
         """
-        file = self.opened.file
-        if not file.state.history.answered:
+        if not self.file.state.history.answered:
             return False
-        if not self.options.by_a_person or self.opened.resumed:
-            return True
-        return worth_keeping(file, self.interview.scenario)
+        kept = not self.options.by_a_person or self.resumed
+        return kept or worth_keeping(self.file, self.interview.scenario)
 
     def say(self, text: str) -> None:
         """Print one line for the user, whatever is in it."""
@@ -404,14 +214,11 @@ class Calibration:
         Args:
             failed: Whether the scenario has just failed: no references run, and nothing more is
                 said about its cost.
-
-        Raises:
-            StudyError: If it cannot be written, for example because the disk is full.
         """
         options, scenario, wanted = self.options, self.interview.scenario, self.reportable
         self.interview.known.foresight(learn=True)
         shown = {} if failed or not wanted else references(scenario, options.seed, self.say)
-        record, trouble = record_of(self.interview, options, shown, self.opened.name).costed()
+        record, trouble = record_of(self.interview, options, shown).costed()
         if trouble and not failed:
             self.say(f"prefcal: the report has no costs: {trouble}")
         if wanted:
@@ -438,7 +245,7 @@ class Calibration:
         options = self.options
         report = self.claim.folder / "report.html" if self.reportable else None
         if options.json:
-            print(as_json(record, options, report, self.opened.name, self._simulated), flush=True)
+            print(as_json(record, options, report, self._simulated), flush=True)
         elif report is None:
             self.say("Nothing to report: no experiment was compared.")
         else:
@@ -452,7 +259,7 @@ class Calibration:
     @property
     def _simulated(self) -> int | None:
         """Return how many θ were simulated unseen; None if this is not known any more."""
-        if not is_simulating(self.interview.file.state):
+        if not is_simulating(self.file.state):
             return 0
         found = self.interview.known.simulated
         return None if found is None or not found.simulated else found.simulated
@@ -460,34 +267,42 @@ class Calibration:
 
 @contextmanager
 def calibration(
-    opened: Opened, scenario: Scenario, messages: Console, *, asks: bool = True, keep: bool = True
+    file: StudyFile,
+    options: Options,
+    scenario: Scenario,
+    messages: Console,
+    *,
+    resumed: bool,
+    asks: bool = True,
+    keep: bool = True,
 ) -> Iterator[Calibration]:
     """Claim the folder of the report, and get a study to work.
 
     Args:
-        opened: Study.
+        file: Study.
+        options: What is calibrated, and how.
         scenario: Scenario of the study.
         messages: Console for messages.
+        resumed: Whether the study existed before.
         asks: Whether experiments may run, and events be written.
         keep: Whether to keep what is simulated beside the study: only if its options name all code.
-
-    Raises:
-        SettingsError: If the folder holds another study's report or cannot be written to.
     """
-    options, claim = opened.options, _claim(opened, scenario.name)
+    owner, out = Owner(identity_of(file), options.study, options.scenario), options.out
+    default = default_folder(options, scenario.name)
+    claim = claim_default(default, owner) if out is None else claim_given(out, owner)
     with ExitStack() as stack:
         stack.callback(claim.release)
-        simulator = _simulator(stack, opened, scenario, keep) if asks else None
-        with _learning(opened.file.state, messages):
+        simulator = _simulator(stack, file, options, scenario, keep=keep) if asks else None
+        with _learning(file.state, messages):
             interview = Interview(
                 scenario,
-                opened.file,
+                file,
                 ahead=asks and options.by_a_person,
                 asks=asks,
                 simulator=simulator,
                 at_once=options.at_once,
             )
-        yield Calibration(opened, interview, claim, messages)
+        yield Calibration(options, interview, claim, messages, resumed)
 
 
 @contextmanager
@@ -505,9 +320,11 @@ def _learning(state: State, messages: Console) -> Iterator[None]:
         late.cancel()
 
 
-def _simulator(stack: ExitStack, opened: Opened, scenario: Scenario, keep: bool) -> Simulator | None:
+def _simulator(
+    stack: ExitStack, file: StudyFile, options: Options, scenario: Scenario, *, keep: bool
+) -> Simulator | None:
     """Return what the study's agent simulates with, for the knobs of the study; None if nothing."""
-    state, options = opened.file.state, opened.options
+    state = file.state
     if not is_simulating(state):
         return None
     studied, limit = as_studied(scenario, state), options.run_timeout
@@ -515,10 +332,10 @@ def _simulator(stack: ExitStack, opened: Opened, scenario: Scenario, keep: bool)
         isolated = stack.enter_context(isolation(options.twin, limit))
         studied = twin_of(studied, isolated(load(options.twin)))
     kept, given = None, studied.source.candidates is not None  # rows of a table: there is nothing to run
-    if keep and opened.name is not None and not given:
+    if keep and options.study is not None and not given:
         source = options.scenario if options.twin is None else options.twin
         key = key_of(studied, source, state.configuration, versions())
-        kept = Kept(simulated_beside(Path(opened.file.path)), key)
+        kept = Kept(simulated_beside(Path(file.path)), key)
     jobs = 0 if given else None
     simulator = Simulator(
         studied, seed=options.seed, jobs=jobs, longest=limit, kept=kept, robust=options.robust
@@ -527,46 +344,31 @@ def _simulator(stack: ExitStack, opened: Opened, scenario: Scenario, keep: bool)
     return simulator
 
 
-def _claim(opened: Opened, scenario: str) -> Ownership:
-    """Claim the folder of the report: the requested one, or a free default one."""
-    owner, out = Owner(identity_of(opened.file), opened.name, opened.options.scenario), opened.options.out
-    return claim_default(default_folder(opened, scenario), owner) if out is None else claim_given(out, owner)
-
-
-def default_folder(opened: Opened, scenario: str) -> Path:
+def default_folder(options: Options, scenario: str) -> Path:
     """Return the default folder of the report: prefcal-STUDY.
 
     For a study in memory, the scenario and the seed stand in for the name.
     """
-    if opened.name is None:
-        return Path(f"prefcal-{scenario}-{opened.options.seed}")
-    return Path(f"prefcal-{study_path(opened.name).stem}")
+    name = f"{scenario}-{options.seed}" if options.study is None else study_path(options.study).stem
+    return Path(f"prefcal-{name}")
 
 
 def report_of(given: Mapping[str, Any]) -> None:
-    """Write the report of a study.
-
-    Args:
-        given: Values of the options of `prefcal report`, None for those that were not typed.
-
-    Raises:
-        StudyError: If there is no such study, or its scenario must be given.
-        SettingsError: If its cost is a program and must be given.
-    """
+    """Write the report of a study, as typed."""
     given = completed(given)
-    name, source, cost = given["study"], given["scenario"], given["cost"]
+    name, source, cost = given["study"], given["scenario"], given.get("cost")
     with open_described(existing(name)) as file, isolation(source, early=False) as isolated:
         scenario = isolated(with_cost(load(source), cost))
         stored = by_now(file.state)
         if cost is not None and stored.get("cost") is not None:
             stored["cost"] = cost  # the file may have moved
         # A report simulates nothing, so its twin is taken as it is.
-        options = Options.resumed(stored, {**given, "twin": stored.get("twin")})
+        options = Options.resumed(stored, {"twin": stored.get("twin"), **given})
         if not file.state.history.answered:
             raise StudyError(f"study {name!r} has no completed experiment yet: nothing to report")
+        messages = Console(stderr=True, emoji=False)
         # A page may have the study open: writing an event here would make its next answer fail.
-        opened, messages = Opened(file, options, name, resumed=True), Console(stderr=True, emoji=False)
-        with calibration(opened, scenario, messages, asks=False) as work:
+        with calibration(file, options, scenario, messages, resumed=True, asks=False) as work:
             work.tell(work.write())
 
 
@@ -579,85 +381,58 @@ GONE = 20.0
 
 
 def run(given: Mapping[str, Any]) -> int:
-    """Run the study, write its report, and print the result; return the exit code.
+    """Run the study that these fields of `Options` describe, and tell its result; return the exit code.
 
-    A study that ends early still gets a report of the comparisons so far, and a study file can be
-    resumed.
-
-    Args:
-        given: Values of the fields of `Options`, None for options that were not typed.
-
-    Raises:
-        PrefcalError: If the options do not fit the scenario, the study or the machine.
+    A study that ends early still gets a report of the comparisons so far, and can be resumed.
     """
     given = completed(given)
     source, options = given["scenario"], Options.of(given)
     messages = Console(stderr=True, emoji=False)
     with interruption(others=True) as ctrl_c:
         ctrl_c.on_press = lambda: messages.print("Stopping ...", highlight=False)
-        with isolation(source, given["run_timeout"], at_once=options.at_once) as isolated:
+        with isolation(source, options.run_timeout, at_once=options.at_once) as isolated:
             with ctrl_c.allowed():  # nothing is open yet
-                scenario = isolated(with_cost(load(source), given["cost"]))
+                scenario = isolated(with_cost(load(source), options.cost))
             if options.by_a_person and not options.terminal:
                 # Imported here: unattended runs need no web server.
                 from prefcal_app.web.serve import bind
 
                 bind(options.host, options.port).close()  # a taken port is said before the study starts
-            opened = open_study(given, scenario, given["study"])
-            with kept_if_worth_it(opened, scenario, messages):
-                return _run(opened, scenario, ctrl_c, messages)
+            file, options, resumed = open_study(given, scenario)
+            with (
+                kept_if_worth_it(file, options, scenario, messages, resumed=resumed),
+                calibration(file, options, scenario, messages, resumed=resumed) as work,
+            ):
+                ctrl_c.on_press = partial(_say_stopping, work)
+                _introduce(work)
+                return (_attended if options.by_a_person else _unattended)(work, ctrl_c)
 
 
 def choose(typed: Mapping[str, Any]) -> int:
-    """Let a person choose among the runs of a table; return the exit code.
-
-    Args:
-        typed: Values of the options of `prefcal choose`.
-
-    Raises:
-        PrefcalError: If there is no such table, or the options do not fit it, the study or the machine.
-    """
-    name, config = typed["table"], {key: listed(typed[key]) for key in ("lower", "higher", "kpis")}
+    """Let a person choose among the runs of a table, as typed; return the exit code."""
+    name, config = typed["table"], {key: listed(typed.get(key, ())) for key in ("lower", "higher", "kpis")}
     if not is_table(name):
         raise RecordError(f"expected a table ({', '.join(TABLES)}) or the URL of a storage, got {name!r}")
-    config = {key: value for key, value in {**config, "of": typed["of"]}.items() if value}
+    config = {key: value for key, value in {**config, "of": typed.get("of")}.items() if value}
     source = joined_source(name, config) if config else name
-    options = parameters_of(Options).items()
-    wanted = {n: p.given(typed[n]) if n in typed else None if p.kept else p.default for n, p in options}
-    if typed["study"] is None or not study_path(typed["study"]).is_file():
+    wanted = {option: typed[option] for option in CHOOSING if option in typed}
+    if "study" not in typed or not study_path(typed["study"]).is_file():
         found = load(source)
         if "://" in name:  # more trials may follow
             source = joined_source(name, {**config, "until": int(found.space.knobs[0].high)})
         assert found.source.candidates is not None
         count = len(found.source.candidates)
-        if (wanted["n_max"] or 0) > count:
+        if wanted.setdefault("n_max", min(count, 11)) > count:
             raise SettingsError(
                 f"--n-max must be at most {count}, all that can be chosen, got {wanted['n_max']}"
             )
-        wanted |= {"simulate": count, "n_max": wanted["n_max"] or min(count, 11)}
+        wanted["simulate"] = count
     return run({**wanted, "scenario": source})
-
-
-def _run(opened: Opened, scenario: Scenario, ctrl_c: Interruption, messages: Console) -> int:
-    """Collect the answers and write the report in a folder that belongs to the study."""
-    file, name = opened.file, opened.name
-    try:
-        with calibration(opened, scenario, messages) as work:
-            ctrl_c.on_press = lambda: _say_stopping(work)
-            _introduce(work)
-            return (_attended if opened.options.by_a_person else _unattended)(work, ctrl_c)
-    except KeyboardInterrupt:
-        has_report = name and file.state.history.answered
-        later = f"; its report: prefcal report {name}" if has_report else ""
-        saved = file.trouble() or (f"Every answer is saved{later}" if name else "")
-        say(messages, f"Stopped at once. {saved}".strip())
-        raise
 
 
 def _introduce(work: Calibration) -> None:
     """Print the report's folder if it may be unexpected, and what a run left on the plant."""
-    folder, opened = work.claim.folder, work.opened
-    default = default_folder(opened, work.interview.scenario.name)
+    folder, default = work.claim.folder, default_folder(work.options, work.interview.scenario.name)
     if folder.name != default.name and work.options.out is None:
         work.say(f"{default} holds another study's report: this one goes to {folder}.")
     for remark in work.remarks:
@@ -676,8 +451,8 @@ def _say_stopping(work: Calibration) -> None:
 
 def _attended(work: Calibration, ctrl_c: Interruption) -> int:
     """Let a person answer, with pauses of any length; return the exit code."""
-    how = "resumed" if work.opened.resumed else "started"
-    work.say(f"Study {work.opened.name} {how}. Every answer is saved at once.")
+    how = "resumed" if work.resumed else "started"
+    work.say(f"Study {work.options.study} {how}. Every answer is saved at once.")
     work.say(f"Stop any time, and resume with: {work.again}")
     (_in_terminal if work.options.terminal else _in_window)(work, ctrl_c)
     if work.left:
@@ -686,19 +461,21 @@ def _attended(work: Calibration, ctrl_c: Interruption) -> int:
             f"restored at the next start: {work.again}"
         )
     over = work.over
-    if work.reportable and (trouble := work.opened.file.trouble()) is not None:
+    if work.reportable and (trouble := work.file.trouble()) is not None:
         raise StudyError(trouble)
     if not over and work.reportable:
         work.say(f"Stopped; every answer is saved. Resume: {work.again}")
     return INTERRUPTED if ctrl_c.pressed and not over else 0
 
 
-def _window(work: Calibration) -> "Window":
+def _in_window(work: Calibration, ctrl_c: Interruption) -> None:
+    """Serve the query window until it is closed."""
     # Imported here: unattended runs need no web server.
-    from prefcal_app.web import Window
+    from prefcal_app.web import Window, open_browser
 
-    options = work.options
-    return Window(
+    options, telling = work.options, _Telling(work)
+    links = work.messages.file if options.json else None
+    served = Window(
         work.interview,
         host=options.host,
         port=options.port,
@@ -706,15 +483,7 @@ def _window(work: Calibration) -> "Window":
         command=options.command(),
         remarks=work.remarks,
     )
-
-
-def _in_window(work: Calibration, ctrl_c: Interruption) -> None:
-    """Serve the query window until it is closed."""
-    from prefcal_app.web import open_browser
-
-    options, telling = work.options, _Telling(work)
-    links = work.messages.file if options.json else None
-    with _window(work) as window, Background(work.interview):
+    with served as window, Background(work.interview):
         if window.warning:
             work.say(window.warning)
         # A link stands on a line of its own, unwrapped and flushed, so that programs can read it.

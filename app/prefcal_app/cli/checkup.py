@@ -267,18 +267,9 @@ class Checkup:
         yield Finding("study file", same, f"{len(content) / 1000:.0f} kB an experiment, unpacked")
 
 
-def run(given: Mapping[str, Any], options: CheckOptions) -> int:
-    """Check a scenario and print the findings; return 1 if anything is wrong, else 0.
-
-    Args:
-        given: Values of the options by name, None for those that were not typed.
-        options: The same with their defaults.
-
-    Raises:
-        ScenarioError: If an option cannot be read.
-        SettingsError: If an option does not fit the scenario, or θ or the picture's file is invalid.
-    """
-    source = completed(given)["scenario"]
+def run(typed: Mapping[str, Any]) -> int:
+    """Check a scenario as typed and print the findings; return 1 if anything is wrong, else 0."""
+    options, source = CheckOptions(**typed), completed(typed)["scenario"]
     with isolation(source, options.run_timeout) as isolated:
         try:
             scenario = isolated(load(source))
@@ -377,11 +368,7 @@ def _table(findings: Sequence[Finding]) -> Table:
 
 
 def middle_of(scenario: Scenario) -> Float[np.ndarray, " n"]:
-    """Return the allowed θ nearest to the middle of the box, physical, shape (n,).
-
-    Raises:
-        ScenarioError: If the constraints allow none of many random θ.
-    """
+    """Return the allowed θ nearest to the middle of the box, physical, shape (n,)."""
     space = scenario.space
     lower, upper = space.corners
     middle = (lower + upper) / 2

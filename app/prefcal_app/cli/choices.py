@@ -5,7 +5,7 @@ import re
 import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import count
 from math import inf, isfinite, nan
@@ -74,10 +74,6 @@ def with_cost(scenario: Scenario, source: str | None) -> Scenario:
     Args:
         scenario: Scenario whose cost is replaced.
         source: PATH:NAME of a function, or the name of a KPI; None leaves the scenario unchanged.
-
-    Raises:
-        ScenarioError: If there is no such KPI, the file or the name in it does not exist, or it
-            cannot be called.
     """
     if source is None:
         return scenario if scenario.cost is None else replace(scenario, cost=KnownCost(scenario.cost))
@@ -111,7 +107,7 @@ class KnownCost:
     def __init__(self, cost: Callable[[Experiment], Any]) -> None:
         self._cost, self._known = cost, False
         self.unknown: dict[bytes, str] = {}
-        """Why the cost is unknown, by the key of θ."""
+        """Why the cost is unknown, by the key of θ; the report says it."""
         self._first: Exception | None = None
 
     @property
@@ -160,12 +156,7 @@ def _function_cost(source: str, function: Callable[[Experiment], Any], experimen
 
 
 def _kpi_cost(name: str, scenario: Scenario, experiment: Experiment) -> float:
-    """Return a KPI of `experiment`; infinite if it was stopped.
-
-    Raises:
-        _UnknownCostError: If the experiment has no such KPI.
-        ScenarioError: If the scenario has none.
-    """
+    """Return a KPI of `experiment`; infinite if it was stopped."""
     if not len(experiment.t) or experiment.end.interrupted:
         return inf  # it may have stopped before the KPI could be measured
     found = outcome(scenario, experiment)
@@ -189,13 +180,8 @@ def _no_cost(source: str, names: Iterable[str]) -> str:
 def make_agent(
     options: Options, scenario: Scenario, start: Sequence[Float[np.ndarray, " n"]] = ()
 ) -> "Agent":
-    """Return the agent that the options select; it starts with the physical θ in `start`.
-
-    Raises:
-        SettingsError: If the agent is unknown, rejects its settings, or does not take an option.
-        KnobError: If a θ in `start` is outside the space.
-    """
-    _raise_first(_agent_problems(options, scenario))
+    """Return the agent that the options select; it starts with the physical θ in `start`."""
+    _check_agent(options, scenario)
     extra: dict[str, Any] = {}
     if options.agent in SIMULATING:
         extra["n_simulated"] = options.simulate
@@ -213,54 +199,50 @@ def make_agent(
     return agent
 
 
-def _raise_first(problems: Iterator[str]) -> None:
-    problem = next(problems, None)
-    if problem is not None:
-        raise SettingsError(problem)
-
-
-def _agent_problems(options: Options, scenario: Scenario) -> Iterator[str]:
-    """Yield what does not fit the agent; each line may rely on those above being in order."""
+def _check_agent(options: Options, scenario: Scenario) -> None:
+    """Raise SettingsError if something does not fit the agent."""
     if options.agent not in WORDS:
         hint = did_you_mean(options.agent, WORDS)
-        yield f"--agent must be one of {', '.join(WORDS)}, got {options.agent!r}.{hint}".rstrip(".")
-    yield from _not_taken(options)
+        raise SettingsError(
+            f"--agent must be one of {', '.join(WORDS)}, got {options.agent!r}.{hint}".rstrip(".")
+        )
+    _check_taken(options)
     if options.cost is not None and options.calibrator not in (SCORE, SYNTHETIC):
-        yield (
+        raise SettingsError(
             "--cost is what the calibrator synthetic and the agent glis go by: add --calibrator "
             f"synthetic, or --agent glis; got --calibrator {options.calibrator}"
         )
     if options.agent in SIMULATING:
-        yield from _simulating_problems(options, scenario)
+        _check_simulating(options, scenario)
     if WORDS[options.agent].by_value:
-        yield from _score_problems(options, scenario)
+        _check_score(options, scenario)
 
 
-def _not_taken(options: Options) -> Iterator[str]:
+def _check_taken(options: Options) -> None:
     for name, (parameter, kept) in kept_by(Options).items():
         if kept.agents and options.agent not in kept.agents and options.changed(name):
-            yield (
+            raise SettingsError(
                 f"only the agent {' or '.join(kept.agents)} takes {parameter.flag}, not "
                 f"{options.agent!r}: leave it out, or choose --agent {kept.agents[0]}"
             )
 
 
-def _simulating_problems(options: Options, scenario: Scenario) -> Iterator[str]:
+def _check_simulating(options: Options, scenario: Scenario) -> None:
     agent, name = f"--agent {options.agent}", f"scenario {scenario.name!r}"
     if options.simulate < 1:
-        yield f"{agent} needs simulations: leave --simulate 0 out, or choose --agent glisp"
+        raise SettingsError(f"{agent} needs simulations: leave --simulate 0 out, or choose --agent glisp")
     if options.n_init > 1:
-        yield f"{agent} has no initial experiments: leave --n-init out"
+        raise SettingsError(f"{agent} has no initial experiments: leave --n-init out")
     model = scenario if options.twin is None else load(options.twin)
     if options.twin is not None:
         twin_of(scenario, model)
     elif scenario.source.asks:
-        yield (
+        raise SettingsError(
             f"{name} is a rig, and nothing runs on it unseen: leave --simulate and {agent} out, "
             "or give a model of it with --twin"
         )
     elif not scenario.simulated:
-        yield (
+        raise SettingsError(
             f"{name} does not let experiments run unseen: leave --simulate and {agent} out, or, "
             "if it is your own and a run is a quick simulation, state "
             "Scenario(..., simulated=True)"
@@ -269,26 +251,22 @@ def _simulating_problems(options: Options, scenario: Scenario) -> Iterator[str]:
         model.source.elsewhere.here.varied()
 
 
-def _score_problems(options: Options, scenario: Scenario) -> Iterator[str]:
+def _check_score(options: Options, scenario: Scenario) -> None:
     if scenario.cost is None:
-        yield (
+        raise SettingsError(
             f"agent {options.agent!r} learns from a score, and scenario {scenario.name!r} has "
             "none: choose another agent, or give a score with --cost, the name of a KPI or "
             "own.py:NAME"
         )
     if options.calibrator != SCORE:
-        yield (
+        raise SettingsError(
             f"agent {options.agent!r} learns from the scenario's score and needs no answers: "
             f"leave --calibrator out, got {options.calibrator!r}"
         )
 
 
 def make_calibrator(options: Options, scenario: Scenario) -> Calibrator[Experiment] | None:
-    """Return the scenario's calibrator that the options select; None if the agent gets scores.
-
-    Raises:
-        SettingsError: If the calibrator is unknown.
-    """
+    """Return the scenario's calibrator that the options select; None if the agent gets scores."""
     if WORDS[options.agent].by_value:
         return None
     from prefcal_env.calibrators import LatentCost
@@ -346,12 +324,6 @@ def start_of(text: str, scenario: Scenario) -> Float[np.ndarray, " n"]:
 
     The text is `knob=value, ...` for every knob in any order, the name of one of the scenario's
     references, or an experiment of a study, as MINE:3 or MINE:best.
-
-    Raises:
-        SettingsError: If a reference, knob or experiment is unknown, a knob is missing, a value is
-            not a number, or the constraints refuse the θ of a study.
-        KnobError: If a value is outside its knob's range, or the study has other knobs.
-        StudyError: If there is no such study.
     """
     if "=" in text:
         return theta_of(text, scenario.space)
@@ -381,12 +353,7 @@ def _theta_of_study(name: str, which: str, space: KnobSpace) -> Float[np.ndarray
 
 
 def taste_of(name: str, scenario: Scenario) -> tuple[Told, ...]:
-    """Return the answers of an earlier study about KPIs that `scenario` has, too, in its units.
-
-    Raises:
-        StudyError: If there is no such study.
-        SettingsError: If it has no answer about such a KPI.
-    """
+    """Return the answers of an earlier study about KPIs that `scenario` has, too, in its units."""
     with open_described(existing(name)) as file:
         history, then = file.state.history, file.state.configuration["kpis"]
     now = {kpi.name: kpi.unit for kpi in scenario.kpis}
@@ -415,47 +382,29 @@ def taste_of(name: str, scenario: Scenario) -> tuple[Told, ...]:
 IN_MEMORY = ":memory:"
 
 
-@dataclass(frozen=True, slots=True)
-class Opened:
-    """An open study.
-
-    Args:
-        file: Study file.
-        options: Options that the study was started with, updated by those given now.
-        name: Name of the study, as in `--study`; None if it is kept in memory only.
-        resumed: Whether the study existed before.
-    """
-
-    file: StudyFile
-    options: Options
-    name: str | None
-    resumed: bool
-
-
-def open_study(given: Mapping[str, Any], scenario: Scenario, name: str | None) -> Opened:
-    """Open the study called `name`, and create it if it does not exist.
+def open_study(given: Mapping[str, Any], scenario: Scenario) -> tuple[StudyFile, Options, bool]:
+    """Open the study that `given` names, and create it if it does not exist.
 
     Without a name, a person's study gets the next free name in their data folder, and a synthetic
     calibrator's study is kept in memory, since it can be repeated at any time.
 
-    Raises:
-        StudyError: If the study cannot be opened or written, or belongs to another scenario.
-        SettingsError: If an option contradicts those that the study was started with.
+    Returns:
+        The study's file, its options, with its name, as it goes on now, and whether it existed before.
     """
     options = Options.of(given, len(scenario.space), simulated=scenario.simulated)
-    if name is None and not options.by_a_person:
-        return Opened(_create(IN_MEMORY, options, scenario), options, None, False)
-    if name is None:
-        return _open_new(options, scenario)
-    path = study_path(name)
-    if path.is_dir():
-        raise StudyError(f"--study must be a name or a file, but {name!r} is a folder")
-    if path.exists():
-        return _resume(path, name, given, scenario)
-    return Opened(_create(path, options, scenario), options, name, False)
+    if options.study is not None:
+        path = study_path(options.study)
+        if path.is_dir():
+            raise StudyError(f"--study must be a name or a file, but {options.study!r} is a folder")
+        if path.exists():
+            return *_resume(path, given, scenario), True
+        return _create(path, options, scenario), options, False
+    if not options.by_a_person:
+        return _create(IN_MEMORY, options, scenario), options, False
+    return *_create_named(options, scenario), False
 
 
-def _open_new(options: Options, scenario: Scenario) -> Opened:
+def _create_named(options: Options, scenario: Scenario) -> tuple[StudyFile, Options]:
     """Create a study under the first of the names SCENARIO-1, SCENARIO-2, ... that is free."""
     base = re.sub(r"[^A-Za-z0-9_-]+", "-", scenario.name).strip("-") or "study"
     for number in count(1):
@@ -463,7 +412,7 @@ def _open_new(options: Options, scenario: Scenario) -> Opened:
         if path.exists() or left_beside(path):
             continue
         try:
-            return Opened(_create(path, options, scenario), options, name, False)
+            return _create(path, options, scenario), replace(options, study=name)
         except StudyError as error:
             if not isinstance(error.__cause__, FileExistsError):
                 raise  # otherwise another command has just taken the name
@@ -503,26 +452,26 @@ def _configuration(options: Options, scenario: Scenario) -> dict[str, Any]:
     return plain
 
 
-def _resume(path: Path, name: str, given: Mapping[str, Any], scenario: Scenario) -> Opened:
+def _resume(path: Path, given: Mapping[str, Any], scenario: Scenario) -> tuple[StudyFile, Options]:
     with ExitStack() as undo:
         file = undo.enter_context(open_described(path, writing=True))
         state = file.state
         if state.configuration["name"] != scenario.name:
             raise StudyError(
-                f"study {name!r} calibrates {state.configuration['name']!r}, "
+                f"study {given['study']!r} calibrates {state.configuration['name']!r}, "
                 f"not {scenario.name!r}: name that scenario, or another study"
             )
         if given.get("n_max") == state.configuration["options"]["n_max"]:
             # The same command again: keep the experiments that were added on the page.
-            given = {**given, "n_max": None}
+            given = {name: value for name, value in given.items() if name != "n_max"}
         options = Options.resumed(by_now(state), given)
         if options.questions_per_experiment != questions_of(state.configuration):
-            _raise_first(_not_taken(options))
+            _check_taken(options)
             file.append(Adjusted({QUESTIONS: options.questions_per_experiment}))
         if options.n_max > state.n_max:
             file.append(Extended(options.n_max), *([Reopened()] if state.ended else []))
         undo.pop_all()  # it stays open
-    return Opened(file, options, name, True)
+    return file, options
 
 
 def by_now(state: State) -> dict[str, Any]:
@@ -553,30 +502,39 @@ def _by_a_person(event: Event) -> bool:
 
 
 @contextmanager
-def kept_if_worth_it(opened: Opened, scenario: Scenario, messages: Console) -> Iterator[None]:
+def kept_if_worth_it(
+    file: StudyFile, options: Options, scenario: Scenario, messages: Console, *, resumed: bool
+) -> Iterator[None]:
     """Close a study at the end; remove it if it was started here and is not worth keeping.
 
     Args:
-        opened: Study to close.
+        file: Study to close.
+        options: Its options, with its name.
         scenario: Scenario of the study.
-        messages: Where to print that the study was not kept, unless an error is printed anyway.
+        messages: Where to print what becomes of the study, unless an error is printed anyway.
+        resumed: Whether the study existed before.
     """
-    keep, refused = True, False
+    keep, refused, name = True, False, options.study
     try:
-        with opened.file as file:
+        with file:
             try:
                 yield
             except PrefcalError:
                 refused = True
                 raise
+            except KeyboardInterrupt:
+                later = f"; its report: prefcal report {name}" if file.state.history.answered else ""
+                saved = file.trouble() or (f"Every answer is saved{later}" if name else "")
+                say(messages, f"Stopped at once. {saved}".strip())
+                raise
             finally:
-                keep = opened.resumed or opened.name is None or worth_keeping(file, scenario)
+                keep = resumed or name is None or worth_keeping(file, scenario)
                 # Another file that was put in its place is not ours to remove.
                 keep = keep or not file.in_place or file.trouble() is not None
     finally:
         # A study that is open in another process, which may add answers, is not removed.
         with suppress(StudyError):
             if not keep:
-                remove_study(opened.file.path)
+                remove_study(file.path)
                 if not refused:
-                    say(messages, f"No answer was given, so study {opened.name} was not kept.")
+                    say(messages, f"No answer was given, so study {name} was not kept.")

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from typer import Argument, Context, Exit, Option, Typer, echo
 
 from .options import CHOOSING, CheckOptions, ChooseOptions, LookOptions, Options, ReportOptions, VerifyOptions
-from .parameters import examples, examples_of_worlds, given, made, parameters_of, takes
+from .parameters import examples, examples_of_worlds, parameters_of, takes
 from .starters.new import EPILOG as NEW_EPILOG
 from .starters.new import new
 from .studies.commands import app as studies
@@ -77,7 +77,7 @@ def _common(
     )
 )
 @takes(Options)
-def calibrate(**typed: Any) -> None:
+def calibrate(typed: dict[str, Any]) -> None:
     """Tune SCENARIO by comparing experiments, and write a report.
 
     prefcal proposes θ, runs the experiment, shows it next to the best so far on a
@@ -86,13 +86,12 @@ def calibrate(**typed: Any) -> None:
     calibrator can answer instead. Every answer is saved before the next question. Ctrl-C stops and
     writes a report of the comparisons so far; the same --study resumes.
     """
-    found = given(Options, typed)
     if sys.stderr.isatty():  # the next imports take a second
-        name = str(found["scenario"]).partition("{")[0].strip()
+        name = str(typed["scenario"]).partition("{")[0].strip()
         print(f"Loading {name} ...", file=sys.stderr, flush=True)
     from .calibrate import run
 
-    raise Exit(run(found))
+    raise Exit(run(typed))
 
 
 @app.command(
@@ -113,7 +112,7 @@ The first line of a table holds headings, perhaps with units, as in "settling \\
     ),
 )
 @takes(ChooseOptions, *(parameters_of(Options)[name] for name in CHOOSING))
-def choose(**typed: Any) -> None:
+def choose(typed: dict[str, Any]) -> None:
     """Choose among runs that already ran: about ten questions find the row that you want.
 
     Nothing is run. Two rows of TABLE are shown at a time, and you say which one you would rather
@@ -146,7 +145,7 @@ too: only you know whether the curves are those of your plant.
     ),
 )
 @takes(CheckOptions)
-def check(**typed: Any) -> None:
+def check(typed: dict[str, Any]) -> None:
     """Run SCENARIO once, check all that a study relies on, and draw its panels.
 
     The checks cover θ and how its run ended, the record, channels and panels, KPIs
@@ -156,7 +155,7 @@ def check(**typed: Any) -> None:
     """
     from .checkup import run
 
-    raise Exit(run(given(CheckOptions, typed), made(CheckOptions, typed)))
+    raise Exit(run(typed))
 
 
 @app.command(
@@ -185,7 +184,7 @@ of level. All other columns of numbers are outputs.
     ),
 )
 @takes(LookOptions)
-def look(**typed: Any) -> None:
+def look(typed: dict[str, Any]) -> None:
     """Show two or more runs beside each other, without a study.
 
     Runs may have different time bases, lengths and columns: columns of the same name and unit
@@ -193,7 +192,7 @@ def look(**typed: Any) -> None:
     """
     from .look_run import look_at
 
-    raise Exit(look_at(made(LookOptions, typed)))
+    raise Exit(look_at(LookOptions(**typed)))
 
 
 @app.command(
@@ -207,11 +206,11 @@ def look(**typed: Any) -> None:
     )
 )
 @takes(ReportOptions)
-def report(**typed: Any) -> None:
+def report(typed: dict[str, Any]) -> None:
     """Write the report of a study as it stands, complete or not."""
     from .calibrate import report_of
 
-    report_of(given(ReportOptions, typed))
+    report_of(typed)
 
 
 @app.command(
@@ -229,7 +228,7 @@ again: one of your own is a Python file, which is executed.
     ),
 )
 @takes(VerifyOptions)
-def verify(**typed: Any) -> None:
+def verify(typed: dict[str, Any]) -> None:
     """Run a tuning on plants that are not exactly as modeled.
 
     Prints two verdicts: how many runs hold, with what that shows and what to do next, and
@@ -239,7 +238,7 @@ def verify(**typed: Any) -> None:
     """
     from .look_run import verify
 
-    raise Exit(verify(made(VerifyOptions, typed)))
+    raise Exit(verify(VerifyOptions(**typed)))
 
 
 @app.command()

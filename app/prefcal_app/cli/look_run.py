@@ -24,8 +24,9 @@ from prefcal_scenarios.scenario import KPI
 from prefcal_scenarios.verification.result import EFFECTS, FILE, VARIED, Verified
 from prefcal_scenarios.wording import printable
 
-from .calibrate import interruption, plain
+from .calibrate import interruption
 from .options import LookOptions, VerifyOptions
+from .result import plain
 from .studies.files import EXPERIMENT, as_text, existing, numbered, open_described
 
 # --- Run `prefcal look`: read the runs, then show the page, a picture or the KPIs.
@@ -34,11 +35,7 @@ _SQLITE = b"SQLite format 3\0"
 
 
 def look_at(options: LookOptions) -> int:
-    """Show the runs; return the exit code.
-
-    Raises:
-        PrefcalError: If a run cannot be read, or an option does not fit.
-    """
+    """Show the runs; return the exit code."""
     if len(options.runs) < 2:
         raise SettingsError(
             "name two runs or more: CSV, Parquet or Excel files, or STUDY:3 for experiment 3 of a study"
@@ -167,11 +164,7 @@ _VERDICTS = {"y": True, "n": False}
 
 
 def verify(options: VerifyOptions) -> int:
-    """Verify the tuning; return the exit code.
-
-    Raises:
-        PrefcalError: If the file or an option does not fit, or nothing of the scenario can vary.
-    """
+    """Verify the tuning; return the exit code."""
     best, console = Path(options.best), Console(emoji=False)
     said = verify_best(
         best,

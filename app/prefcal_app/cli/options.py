@@ -4,11 +4,13 @@ import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, NoReturn
+
+from typer import Argument, Option
 
 from prefcal_agents.registry import WORDS
 
-from .parameters import Kept, argument, check_programs, check_unchanged, kept_by, option, parameters_of
+from .parameters import Kept, kept_by, parameters_of
 
 HUMAN = "human"
 """Name of the calibrator that is a person."""
@@ -19,9 +21,9 @@ SYNTHETIC = "synthetic"
 SCORE = "score"
 """Name of the calibrator if the agent learns from the scenario's score, with no comparisons."""
 
-MOST, MOST_PROCESSES, MOST_SEED = 10_000, 256, 2**63 - 1
-"""Largest number of experiments that a person or their agent could still handle, of processes that a
-machine could, and seed that a study file could hold."""
+MOST, MOST_SIMULATED, MOST_PROCESSES, MOST_SEED = 10_000, 100_000, 256, 2**63 - 1
+"""Largest number of experiments that a person or their agent could still handle, that a study could
+simulate, of processes that a machine could handle, and seed that a study file could hold."""
 
 BY_VALUE = tuple(word for word, row in WORDS.items() if row.by_value)
 """The agents that are told scores."""
@@ -55,24 +57,27 @@ class Described:
             as failed. inf: no limit.
     """
 
-    scenario: str = argument("SCENARIO", kept=Kept("scenario", always=True, anew=True))
-    knob: tuple[str, ...] = option((), "KNOB", shown="found, for a standard controller")
-    show: tuple[str, ...] = option((), "NAMES", shown="all outputs and inputs")
-    reference: tuple[str, ...] = option((), "NAME=NUMBER", shown="none; a standard controller finds one")
-    plant: str | None = option(None, "FILE.py:NAME")
-    stop_time: float | None = option(None, "TIME", shown="that of the model")
-    config: Path | None = option(None, "FILE.json")
-    run_timeout: float = option(3600.0, "SECONDS", shown="3600, an hour")
+    scenario: Annotated[str, Argument(metavar="SCENARIO"), Kept("scenario", always=True, anew=True)]
+    knob: Annotated[
+        tuple[str, ...], Option(metavar="KNOB", show_default="found, for a standard controller")
+    ] = ()
+    show: Annotated[tuple[str, ...], Option(metavar="NAMES", show_default="all outputs and inputs")] = ()
+    reference: Annotated[
+        tuple[str, ...], Option(metavar="NAME=NUMBER", show_default="none; a standard controller finds one")
+    ] = ()
+    plant: Annotated[str | None, Option(metavar="FILE.py:NAME")] = None
+    stop_time: Annotated[float | None, Option(metavar="TIME", show_default="that of the model")] = None
+    config: Annotated[Path | None, Option(metavar="FILE.json")] = None
+    run_timeout: Annotated[float, Option(metavar="SECONDS", show_default="3600, an hour")] = 3600.0
 
 
 @dataclass(frozen=True, slots=True)
 class Options(Described):
     """Options of `prefcal calibrate`, in the order of its help.
 
-    To add an option, add a field with its default and placeholder, and its help below. One with
-    `kept` is stored and checked in the study file and cannot change on resuming unless `anew` is
-    set; one without applies to a single run. None stands for the default of the component that
-    takes the value.
+    To add an option, add a field, annotated as typer wants it, and its help below. One with `Kept`
+    is stored in the study file, and cannot change on resuming unless `anew` is set; one without
+    applies to a single run. None stands for the default of the component that takes the value.
 
     Args:
         calibrator: Who compares: human, or one of the scenario's synthetic calibrators.
@@ -108,107 +113,109 @@ class Options(Described):
         host: Address to serve the page on. 0.0.0.0 makes it reachable from other machines.
         port: Port of the page.
         json: Print only JSON on standard output (messages go to standard error).
-
-    Raises:
-        SettingsError: If a number is too small, or `n_init` is above `n_max`.
     """
 
-    calibrator: str = option(HUMAN, "NAME", shown="human", kept=Kept("calibrator", always=True))
-    agent: str = option(
-        "glisp",
-        "NAME",
-        shown="screening; glisp if the scenario is not a quick simulation",
-        kept=Kept("agent", always=True),
-        help=_who_proposes(),
+    calibrator: Annotated[str, Option(metavar="NAME"), Kept("calibrator", always=True)] = HUMAN
+    agent: Annotated[
+        str,
+        Option(
+            metavar="NAME",
+            show_default="screening; glisp if the scenario is not a quick simulation",
+            help=_who_proposes(),
+        ),
+        Kept("agent", always=True),
+    ] = "glisp"
+    simulate: Annotated[
+        int,
+        Option(metavar="N", min=0, show_default="1000; 0 if the scenario is not a quick simulation"),
+        Kept("simulated unseen", agents=SIMULATING),
+    ] = 0
+    twin: Annotated[
+        str | None, Option(metavar="SCENARIO", show_default="none"), Kept("twin", agents=SIMULATING)
+    ] = None
+    robust: Annotated[bool, Option("--robust"), Kept("robust", agents=SIMULATING)] = False
+    study: Annotated[
+        str | None, Option(metavar="NAME_OR_PATH", show_default="a new one, SCENARIO-1; unattended: none")
+    ] = None
+    seed: Annotated[int, Option(metavar="N", min=0), Kept("seed", always=True)] = 0
+    n_init: Annotated[
+        int,
+        Option(
+            metavar="N",
+            min=1,
+            max=MOST,
+            show_default="10; glisp: 2 per knob; screening: 1; at most half of --n-max",
+        ),
+        Kept("initial experiments", always=True),
+    ] = 10
+    n_max: Annotated[
+        int,
+        Option(metavar="N", min=1, max=MOST, show_default="50; screening: 11"),
+        Kept("experiments", always=True, anew=True),
+    ] = 50
+    questions_per_experiment: Annotated[
+        int,
+        Option(metavar="N", min=1, max=100),
+        Kept("questions per experiment", anew=True, agents=("glisp",)),
+    ] = 1
+    start: Annotated[
+        tuple[str, ...], Option(metavar="THETA", show_default="the agent's"), Kept("begins with")
+    ] = ()
+    taste: Annotated[
+        str | None,
+        Option(metavar="STUDY", show_default="none"),
+        Kept("begins with the taste of", agents=("screening",)),
+    ] = None
+    outcomes: Annotated[bool, Option("--no-outcomes"), Kept("learns from KPIs", agents=("glisp",))] = True
+    cost: Annotated[str | None, Option(metavar="COST", show_default="the scenario's score"), Kept("cost")] = (
+        None
     )
-    simulate: int = option(
-        0,
-        "N",
-        most=100_000,
-        shown="1000; 0 if the scenario is not a quick simulation",
-        kept=Kept("simulated unseen", least=0, agents=SIMULATING),
-    )
-    twin: str | None = option(None, "SCENARIO", shown="none", kept=Kept("twin", agents=SIMULATING))
-    robust: bool = option(False, flag="--robust", kept=Kept("robust", agents=SIMULATING))
-    study: str | None = option(None, "NAME_OR_PATH", shown="a new one, SCENARIO-1; unattended: none")
-    seed: int = option(0, "N", most=MOST_SEED, shown="0", kept=Kept("seed", always=True, least=0))
-    n_init: int = option(
-        10,
-        "N",
-        most=MOST,
-        shown="10; glisp: 2 per knob; screening: 1; at most half of --n-max",
-        kept=Kept("initial experiments", always=True, least=1),
-    )
-    n_max: int = option(
-        50,
-        "N",
-        most=MOST,
-        shown="50; screening: 11",
-        kept=Kept("experiments", always=True, anew=True, least=1),
-    )
-    questions_per_experiment: int = option(
-        1,
-        "N",
-        min=1,
-        most=100,
-        shown="1",
-        kept=Kept("questions per experiment", anew=True, agents=("glisp",)),
-    )
-    start: tuple[str, ...] = option((), "THETA", shown="the agent's", kept=Kept("begins with"))
-    taste: str | None = option(
-        None, "STUDY", shown="none", kept=Kept("begins with the taste of", agents=("screening",))
-    )
-    outcomes: bool = option(True, flag="--no-outcomes", kept=Kept("learns from KPIs", agents=("glisp",)))
-    cost: str | None = option(None, "COST", shown="the scenario's score", kept=Kept("cost"))
-    out: Path | None = option(None, "FOLDER", shown="./prefcal-STUDY; unattended: ./prefcal-SCENARIO-SEED")
-    at_once: int = option(1, "N", min=1, most=MOST_PROCESSES, shown="1")
-    terminal: bool = option(False, flag="--terminal")
-    browser: bool = option(True, flag="--no-browser")
-    host: str = option("127.0.0.1", "ADDRESS")
-    port: int = option(0, "N", min=0, max=65535, shown="a free one")
-    json: bool = option(False, flag="--json")
+    out: Annotated[
+        Path | None,
+        Option(metavar="FOLDER", show_default="./prefcal-STUDY; unattended: ./prefcal-SCENARIO-SEED"),
+    ] = None
+    at_once: Annotated[int, Option(metavar="N", min=1, max=MOST_PROCESSES)] = 1
+    terminal: Annotated[bool, Option("--terminal")] = False
+    browser: Annotated[bool, Option("--no-browser")] = True
+    host: Annotated[str, Option(metavar="ADDRESS")] = "127.0.0.1"
+    port: Annotated[int, Option(metavar="N", min=0, max=65535, show_default="a free one")] = 0
+    json: Annotated[bool, Option("--json")] = False
 
     def __post_init__(self) -> None:
-        wrong = (p.problem(getattr(self, name)) for name, p in parameters_of(Options).items())
-        problem = next(filter(None, wrong), "")
-        if not problem and self.n_init > self.n_max:
-            problem = (
-                f"--n-max must be at least --n-init, got --n-max {self.n_max} and --n-init {self.n_init}"
-            )
-        if problem:
-            # Imported here: --help must not import numpy.
-            from prefcal_env.errors import SettingsError
-
-            raise SettingsError(problem)
+        # Not in the annotations: so wide a range would leave the help no room in 80 columns.
+        for name, most in (("seed", MOST_SEED), ("simulate", MOST_SIMULATED)):
+            if getattr(self, name) > most:
+                _refuse(f"--{name} must be at most {most}, got {getattr(self, name)}")
+        if self.n_init > self.n_max:
+            _refuse(f"--n-max must be at least --n-init, got --n-max {self.n_max} and --n-init {self.n_init}")
 
     @classmethod
     def of(cls, given: Mapping[str, Any], knobs: int = 5, *, simulated: bool = False) -> "Options":
-        """Return the given options, with defaults in place of None.
+        """Return the given options, with defaults for the others.
 
         Args:
-            given: Values by name, None for options that were not typed.
+            given: Values by name.
             knobs: Number of knobs of the scenario.
             simulated: Whether an experiment of the scenario is a quick simulation.
         """
-        said = {name: value for name, value in given.items() if value is not None}
-        simulated = simulated or "twin" in said
-        return cls(**{**_defaults(said, knobs, simulated), **said})
+        return cls(**{**_defaults(given, knobs, simulated or "twin" in given), **given})
 
     @classmethod
     def resumed(cls, stored: Mapping[str, Any], given: Mapping[str, Any]) -> "Options":
-        """Return the current options of a study: those it was started with, and allowed changes.
-
-        Raises:
-            SettingsError: If another option is given with a new value.
-        """
+        """Return the current options of a study: those it was started with, and allowed changes."""
         kept = {name: stored[name] for name in kept_by(cls) if name in stored}
         kept["start"] = tuple(kept.get("start", ()))  # a list in JSON
-        if stored.get("earlier"):  # what --from was before --start took studies
-            kept["start"] += (f"{stored['earlier']}:best",)
-        check_programs(kept, given)
-        check_unchanged(kept_by(Options), kept, given)
-        new = {name: value for name, value in given.items() if value is not None}
-        return cls(**{**kept, **new})
+        _check_programs(kept, given)
+        for name, (parameter, rule) in kept_by(cls).items():
+            then, now = kept.get(name), given.get(name)
+            if now not in (None, then) and not rule.anew:
+                _refuse(
+                    f"the study was started with {parameter.said(then)}, got {parameter.said(now)}: "
+                    "leave the option out, or start another study"
+                )
+        if (wanted := given.get("n_max", kept["n_max"])) < kept["n_max"]:
+            _refuse(f"--n-max must not be below the {kept['n_max']} that the study has by now, got {wanted}")
+        return cls(**{**kept, **given})
 
     @property
     def by_a_person(self) -> bool:
@@ -226,8 +233,8 @@ class Options(Described):
     def settings(self) -> Mapping[str, str | int | float]:
         """Return the options to list in the report, by label."""
         return {
-            kept.label: parameter.shown(getattr(self, name))
-            for name, (parameter, kept) in kept_by(Options).items()
+            kept.label: _shown(getattr(self, name))
+            for name, (_, kept) in kept_by(Options).items()
             if kept.label and (kept.always or self.changed(name))
         }
 
@@ -240,6 +247,41 @@ class Options(Described):
             if name != "scenario" and (kept.always or self.changed(name)):
                 words += parameter.words(getattr(self, name))
         return shlex.join(words)
+
+
+def _shown(value: Any) -> Any:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return "; ".join(value) if isinstance(value, tuple) else value
+
+
+def _refuse(words: str) -> NoReturn:
+    # Imported here, and below: --help must not import numpy.
+    from prefcal_env.errors import SettingsError
+
+    raise SettingsError(words)
+
+
+def _check_programs(kept: Mapping[str, Any], given: Mapping[str, Any]) -> None:
+    """Raise SettingsError if the study's program or configuration is not the one given."""
+    from prefcal_scenarios.names import is_described, is_own
+    from prefcal_scenarios.own import split_source
+
+    for name, does in (("cost", "goes by a cost that was given to it"), ("twin", "simulates with a program")):
+        program = str(kept.get(name) or "")
+        if name not in given and is_own(program):
+            _refuse(f"the study {does}: if you trust it, add --{name} {shlex.quote(program)}")
+    if is_described(str(kept.get("scenario", ""))):
+        return  # checked when its source was made
+    # The configuration's file may have moved, so compare only its content.
+    then = split_source(str(kept.get("scenario", "")))[1]
+    now = split_source(given["scenario"])[1] if "scenario" in given else then
+    if now != then:
+        said = "no --config" if then is None else f"the configuration {then}"
+        _refuse(
+            f"the study was started with {said}, got {'none' if now is None else now}: give the "
+            "same one, or start another study"
+        )
 
 
 def _defaults(said: Mapping[str, Any], knobs: int, simulated: bool) -> dict[str, Any]:
@@ -272,11 +314,13 @@ class ChooseOptions:
         of: Study in the storage, if it holds several.
     """
 
-    table: str = argument("TABLE")
-    lower: tuple[str, ...] = option((), "NAME,...")
-    higher: tuple[str, ...] = option((), "NAME,...")
-    kpis: tuple[str, ...] = option((), "NAME,...", shown="all numbers, if no column is named")
-    of: str | None = option(None, "NAME", shown="the only one")
+    table: Annotated[str, Argument(metavar="TABLE")]
+    lower: Annotated[tuple[str, ...], Option(metavar="NAME,...")] = ()
+    higher: Annotated[tuple[str, ...], Option(metavar="NAME,...")] = ()
+    kpis: Annotated[
+        tuple[str, ...], Option(metavar="NAME,...", show_default="all numbers, if no column is named")
+    ] = ()
+    of: Annotated[str | None, Option(metavar="NAME", show_default="the only one")] = None
 
 
 CHOOSING = ("study", "seed", "n_max", "start", "out", "terminal", "browser", "host", "port", "json")
@@ -294,9 +338,9 @@ class CheckOptions(Described):
         json: Print the result as JSON, and nothing else, on stdout.
     """
 
-    theta: str | None = option(None, "THETA", shown="the middle of the box")
-    out: Path | None = option(None, "FILE.png", shown="./check-NAME.png")
-    json: bool = option(False, flag="--json")
+    theta: Annotated[str | None, Option(metavar="THETA", show_default="the middle of the box")] = None
+    out: Annotated[Path | None, Option(metavar="FILE.png", show_default="./check-NAME.png")] = None
+    json: Annotated[bool, Option("--json")] = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -321,21 +365,21 @@ class LookOptions:
         json: Print the KPIs as JSON instead.
     """
 
-    runs: tuple[str, ...] = argument("RUN RUN ...")
-    time: str | None = option(None, "NAME", shown="time, or the first one")
-    time_format: str | None = option(None, "FORMAT", shown="ISO 8601")
-    outputs: str = option("", "NAME,...", shown="all others")
-    inputs: str = option("", "NAME,...")
-    reference: tuple[str, ...] = option((), "NAME=VALUE")
-    unit: tuple[str, ...] = option((), "NAME=UNIT")
-    columns: tuple[str, ...] = option((), "NAME=HEADING")
-    align: bool = option(False, flag="--align")
-    terminal: bool = option(False, flag="--terminal")
-    browser: bool = option(True, flag="--no-browser")
-    host: str = option("127.0.0.1", "ADDRESS")
-    port: int = option(0, "N", min=0, max=65535)
-    out: Path | None = option(None, "FILE.png")
-    json: bool = option(False, flag="--json")
+    runs: Annotated[tuple[str, ...], Argument(metavar="RUN RUN ...")]
+    time: Annotated[str | None, Option(metavar="NAME", show_default="time, or the first one")] = None
+    time_format: Annotated[str | None, Option(metavar="FORMAT", show_default="ISO 8601")] = None
+    outputs: Annotated[str, Option(metavar="NAME,...", show_default="all others")] = ""
+    inputs: Annotated[str, Option(metavar="NAME,...")] = ""
+    reference: Annotated[tuple[str, ...], Option(metavar="NAME=VALUE")] = ()
+    unit: Annotated[tuple[str, ...], Option(metavar="NAME=UNIT")] = ()
+    columns: Annotated[tuple[str, ...], Option(metavar="NAME=HEADING")] = ()
+    align: Annotated[bool, Option("--align")] = False
+    terminal: Annotated[bool, Option("--terminal")] = False
+    browser: Annotated[bool, Option("--no-browser")] = True
+    host: Annotated[str, Option(metavar="ADDRESS")] = "127.0.0.1"
+    port: Annotated[int, Option(metavar="N", min=0, max=65535)] = 0
+    out: Annotated[Path | None, Option(metavar="FILE.png")] = None
+    json: Annotated[bool, Option("--json")] = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -350,11 +394,11 @@ class VerifyOptions:
         run_timeout: Time limit of each run, in seconds.
     """
 
-    best: str = argument("BEST.json")
-    runs: int = option(299, "N", most=100_000)
-    range: tuple[str, ...] = option((), "NAME=CHANGE")
-    jobs: int | None = option(None, "N", most=MOST_PROCESSES, shown="all cores")
-    run_timeout: float | None = option(None, "SECONDS", shown="3600, an hour")
+    best: Annotated[str, Argument(metavar="BEST.json")]
+    runs: Annotated[int, Option(metavar="N", max=100_000)] = 299
+    range: Annotated[tuple[str, ...], Option(metavar="NAME=CHANGE")] = ()
+    jobs: Annotated[int | None, Option(metavar="N", max=MOST_PROCESSES, show_default="all cores")] = None
+    run_timeout: Annotated[float | None, Option(metavar="SECONDS", show_default="3600, an hour")] = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -368,9 +412,11 @@ class OfStudy:
         plant: Plant of a standard controller, as for calibrate.
     """
 
-    study: str = argument("STUDY")
-    scenario: str | None = option(None, "SCENARIO", shown="the built-in one that the study names")
-    plant: str | None = option(None, "FILE.py:NAME")
+    study: Annotated[str, Argument(metavar="STUDY")]
+    scenario: Annotated[
+        str | None, Option(metavar="SCENARIO", show_default="the built-in one that the study names")
+    ] = None
+    plant: Annotated[str | None, Option(metavar="FILE.py:NAME")] = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -383,9 +429,9 @@ class ReportOptions(OfStudy):
         json: Print only JSON on standard output.
     """
 
-    cost: str | None = option(None, "COST", shown="the scenario's score")
-    out: Path | None = option(None, "FOLDER", shown="./prefcal-STUDY")
-    json: bool = option(False, flag="--json")
+    cost: Annotated[str | None, Option(metavar="COST", show_default="the scenario's score")] = None
+    out: Annotated[Path | None, Option(metavar="FOLDER", show_default="./prefcal-STUDY")] = None
+    json: Annotated[bool, Option("--json")] = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -398,6 +444,6 @@ class RespaceOptions(OfStudy):
         add: A knob that is new in the scenario, and its value in the experiments so far.
     """
 
-    knob: tuple[str, ...] = option((), "KNOB=LOW:HIGH")
-    freeze: tuple[str, ...] = option((), "KNOB=VALUE")
-    add: tuple[str, ...] = option((), "KNOB=VALUE")
+    knob: Annotated[tuple[str, ...], Option(metavar="KNOB=LOW:HIGH")] = ()
+    freeze: Annotated[tuple[str, ...], Option(metavar="KNOB=VALUE")] = ()
+    add: Annotated[tuple[str, ...], Option(metavar="KNOB=VALUE")] = ()

@@ -85,20 +85,19 @@ def ask(
         earlier.close()
     given = _given(options)
     own, name = (scenario, scenario.name) if isinstance(scenario, Scenario) else (None, scenario)
-    given |= {"scenario": name, "study": study, "out": None if out is None else Path(out)}
-    return Asking(own, given, height)
+    given |= {"scenario": name} | ({} if study is None else {"study": study})
+    return Asking(own, given if out is None else {**given, "out": Path(out)}, height)
 
 
 def _given(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a value for each option of `prefcal calibrate`, None if it is not given."""
+    """Return the options of `prefcal calibrate` that are given; None stands for the default."""
     names = [f.name for f in fields(Options) if f.name not in {*_OWN, *_NOT_HERE}]
     unknown = [name for name in options if name not in names]
     if unknown:
         raise SettingsError(f"ask has no option {unknown[0]!r}: expected one of {names}")
     start = options.get("start")
-    tuples = {} if start is None else {"start": (start,) if isinstance(start, str) else start}
-    every = dict.fromkeys(f.name for f in fields(Options))
-    return {**every, **options, **tuples}
+    several = {"start": (start,)} if isinstance(start, str) else {}
+    return {name: value for name, value in {**options, **several}.items() if value is not None}
 
 
 class Asking:
@@ -118,18 +117,19 @@ class Asking:
             if scenario is None:
                 source, limit = given["scenario"], Options.of(given).run_timeout
                 scenario = stack.enter_context(isolation(source, limit))(load(source))
-            opened = open_study(given, scenario, given["study"])
-            stack.enter_context(opened.file)
+            file, options, resumed = open_study(given, scenario)
+            stack.enter_context(file)
             # Of a scenario that was made here, the file of the study does not know the code.
-            work = calibration(opened, scenario, Console(quiet=True), keep=not made_here)
+            quiet, keep = Console(quiet=True), not made_here
+            work = calibration(file, options, scenario, quiet, resumed=resumed, keep=keep)
             self._work = stack.enter_context(work)
-            self._interview, options = self._work.interview, opened.options
+            self._interview = self._work.interview
             self._calibrator = None if options.by_a_person else make_calibrator(options, scenario)
             self._person = options.by_a_person
             window = Window(self._interview, port=options.port, framed=True)
             self._window = stack.enter_context(window)
-            if opened.name is not None:
-                path = Path(opened.file.path).resolve()
+            if options.study is not None:
+                path = Path(file.path).resolve()
                 _OPEN[path] = self
                 stack.callback(_OPEN.pop, path, None)
             if self._person:
@@ -177,7 +177,7 @@ class Asking:
     @property
     def study(self) -> str | None:
         """Return the name of the study, as in `prefcal calibrate --study`; None if not kept."""
-        return self._work.opened.name
+        return self._work.options.study
 
     @property
     def best(self) -> dict[str, float] | None:

@@ -4,7 +4,7 @@ from typing import Any
 
 import typer
 
-from prefcal_app.cli.parameters import made, takes
+from prefcal_app.cli.parameters import takes
 
 from .options import BenchOptions, CompareOptions
 
@@ -67,7 +67,7 @@ answer, and how likely each published agent is to do better.
 
 @app.callback(invoke_without_command=True, epilog=EPILOG)
 @takes(BenchOptions)
-def bench(context: typer.Context, **typed: Any) -> None:
+def bench(typed: dict[str, Any], context: typer.Context) -> None:
     """Compare agents on problems, and write tables and figures.
 
     Every agent runs on every problem, with every calibrator and every seed.
@@ -75,20 +75,19 @@ def bench(context: typer.Context, **typed: Any) -> None:
     resumes where it was stopped. A run that fails, crashes its process or takes
     too long is reported, and the others continue.
     """
-    options = made(BenchOptions, typed)
     if context.invoked_subcommand is not None:
-        if options != BenchOptions():
+        if typed:
             raise typer.BadParameter(f"options come after {context.invoked_subcommand}")
         return
     # Imported here to keep --help fast.
     from .run import run
 
-    raise typer.Exit(run(options))
+    raise typer.Exit(run(BenchOptions(**typed)))
 
 
 @app.command(epilog=COMPARE_EPILOG)
 @takes(CompareOptions)
-def compare(**typed: Any) -> None:
+def compare(typed: dict[str, Any]) -> None:
     """Compare AGENT with published runs of other agents, which do not run again.
 
     Only AGENT runs: on the published closed loops, with their tastes and seeds.
@@ -98,4 +97,4 @@ def compare(**typed: Any) -> None:
     # Imported here to keep --help fast.
     from .run import compare as run
 
-    raise typer.Exit(run(made(CompareOptions, typed)))
+    raise typer.Exit(run(CompareOptions(**typed)))

@@ -2,8 +2,9 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
-from prefcal_app.cli.parameters import argument, option
+from typer import Argument, Option
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,17 +32,20 @@ class BenchOptions:
         json: Print only JSON on standard output (messages go to standard error).
     """
 
-    quick: bool = option(False, flag="--quick")
-    agents: str | None = option(None, "NAMES", shown="all that are installed")
-    problems: str | None = option(None, "NAMES", shown="all")
-    calibrators: str | None = option(None, "NAMES", shown="all")
-    seeds: int | None = option(None, "N", min=1, most=100_000, shown="20; quick: 3")
-    n_init: int | None = option(None, "N", min=1, most=10_000, shown="10, or half of --n-max if that is less")
-    n_max: int | None = option(None, "N", min=2, most=10_000, shown="50")
-    jobs: int | None = option(None, "N", min=1, most=256, shown="one per core")
-    cell_timeout: float = option(3600.0, "SECONDS", shown="3600, an hour")
-    out: Path = option(Path("prefcal-bench"), "FOLDER")
-    json: bool = option(False, flag="--json")
+    quick: Annotated[bool, Option("--quick")] = False
+    agents: Annotated[str | None, Option(metavar="NAMES", show_default="all that are installed")] = None
+    problems: Annotated[str | None, Option(metavar="NAMES", show_default="all")] = None
+    calibrators: Annotated[str | None, Option(metavar="NAMES", show_default="all")] = None
+    seeds: Annotated[int | None, Option(metavar="N", min=1, max=100_000, show_default="20; quick: 3")] = None
+    n_init: Annotated[
+        int | None,
+        Option(metavar="N", min=1, max=10_000, show_default="10, or half of --n-max if that is less"),
+    ] = None
+    n_max: Annotated[int | None, Option(metavar="N", min=2, max=10_000, show_default="50")] = None
+    jobs: Annotated[int | None, Option(metavar="N", min=1, max=256, show_default="one per core")] = None
+    cell_timeout: Annotated[float, Option(metavar="SECONDS", show_default="3600, an hour")] = 3600.0
+    out: Annotated[Path, Option(metavar="FOLDER")] = Path("prefcal-bench")
+    json: Annotated[bool, Option("--json")] = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,12 +66,16 @@ class CompareOptions:
         json: Print only JSON on standard output (messages go to standard error).
     """
 
-    agent: str = argument("AGENT")
-    published: Path | None = option(None, "FILE", shown="those that come with prefcal")
-    problems: str | None = option(None, "NAMES", shown="all that are published")
-    calibrators: str | None = option(None, "NAMES", shown="all that are published")
-    seeds: int | None = option(None, "N", min=1, most=100_000, shown="as many as are published")
-    jobs: int | None = option(None, "N", min=1, most=256, shown="one per core")
-    cell_timeout: float = option(3600.0, "SECONDS", shown="3600, an hour")
-    out: Path = option(Path("prefcal-compare"), "FOLDER")
-    json: bool = option(False, flag="--json")
+    agent: Annotated[str, Argument(metavar="AGENT")]
+    published: Annotated[Path | None, Option(metavar="FILE", show_default="those that come with prefcal")] = (
+        None
+    )
+    problems: Annotated[str | None, Option(metavar="NAMES", show_default="all that are published")] = None
+    calibrators: Annotated[str | None, Option(metavar="NAMES", show_default="all that are published")] = None
+    seeds: Annotated[
+        int | None, Option(metavar="N", min=1, max=100_000, show_default="as many as are published")
+    ] = None
+    jobs: Annotated[int | None, Option(metavar="N", min=1, max=256, show_default="one per core")] = None
+    cell_timeout: Annotated[float, Option(metavar="SECONDS", show_default="3600, an hour")] = 3600.0
+    out: Annotated[Path, Option(metavar="FOLDER")] = Path("prefcal-compare")
+    json: Annotated[bool, Option("--json")] = False

@@ -1,16 +1,16 @@
-"""An option of a command is declared once, and everything else follows from that."""
+"""A field of a dataclass is an option of a command, and everything else follows from that."""
 
 import json
 from dataclasses import dataclass
+from typing import Annotated
 
 import pytest
 import typer
+from typer import Argument, Option
 from typer.testing import CliRunner
 
-from prefcal_app.cli.commands import CheckOptions, LookOptions, ReportOptions
-from prefcal_app.cli.options import Options
-from prefcal_app.cli.parameters import Kept, argument, given, kept_by, option, parameters_of, takes
-from prefcal_app.cli.studies.commands import RespaceOptions
+from prefcal_app.cli.options import CheckOptions, LookOptions, Options, ReportOptions, RespaceOptions
+from prefcal_app.cli.parameters import Kept, kept_by, parameters_of, takes
 from prefcal_env.errors import SettingsError
 from toy_study import TOY
 
@@ -25,16 +25,14 @@ class Toy:
             of two lines.
         tags: Tags.
         learns: Do not learn.
-        opens: Do not open.
-        folder: Folder.
+        opens: Do open.
     """
 
-    name: str = argument("NAME")
-    rounds: int = option(3, "N", kept=Kept(least=1))
-    tags: tuple[str, ...] = option((), "TAG", flag="--tag", kept=Kept())
-    learns: bool = option(True, flag="--no-learning", kept=Kept())
-    opens: bool = option(True, flag="--no-opening")
-    folder: str | None = option(None, "FOLDER")
+    name: Annotated[str, Argument(metavar="NAME")]
+    rounds: Annotated[int, Option(metavar="N"), Kept()] = 3
+    tags: Annotated[tuple[str, ...], Option("--tag", metavar="TAG"), Kept()] = ()
+    learns: Annotated[bool, Option("--no-learning"), Kept()] = True
+    opens: Annotated[bool, Option("--opens")] = False
 
 
 @pytest.fixture
@@ -47,8 +45,8 @@ def typed():
 
         @app.command()
         @takes(Toy)
-        def command(**values):
-            seen.update(given(Toy, values))
+        def command(values):
+            seen.update(values)
 
         assert CliRunner().invoke(app, words).exit_code == 0
         return seen
@@ -56,27 +54,14 @@ def typed():
     return parse
 
 
-def test_what_a_study_keeps_is_none_unless_it_is_typed(typed):
-    assert typed("x") == {
-        "name": "x",
-        "rounds": None,
-        "tags": None,
-        "learns": None,
-        "opens": True,
-        "folder": None,
-    }
+def test_a_command_is_given_only_what_was_typed(typed):
+    assert typed("x") == {"name": "x"}
+    assert typed("x", "--rounds", "3") == {"name": "x", "rounds": 3}
 
 
-def test_what_is_typed_arrives_with_the_type_of_its_field(typed):
-    words = ["x", "--rounds", "4", "--tag", "a", "--tag", "b", "--no-learning", "--no-opening"]
-    assert typed(*words, "--folder", "f") == {
-        "name": "x",
-        "rounds": 4,
-        "tags": ("a", "b"),
-        "learns": False,
-        "opens": False,
-        "folder": "f",
-    }
+def test_what_is_typed_arrives_with_the_type_of_its_field_and_a_flag_inverts_its_default(typed):
+    words = ["x", "--rounds", "4", "--tag", "a", "--tag", "b", "--no-learning", "--opens"]
+    assert typed(*words) == {"name": "x", "rounds": 4, "tags": ("a", "b"), "learns": False, "opens": True}
 
 
 def test_the_help_of_an_option_is_its_line_in_the_docstring():
@@ -95,8 +80,6 @@ def test_messages_name_an_option_as_it_is_typed():
     assert toy["tags"].said(("a", "b")) == "--tag a; b"
     assert toy["learns"].said(False) == "--no-learning on"
     assert toy["tags"].words(("a", "b")) == ["--tag", "a", "--tag", "b"]
-    assert toy["rounds"].problem(0) == "--rounds must be at least 1, got 0"
-    assert toy["rounds"].problem(1) == ""
 
 
 def test_the_study_file_keeps_what_is_declared_so_and_nothing_else():

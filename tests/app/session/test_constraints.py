@@ -25,8 +25,8 @@ def constrained(*names):
 
 
 def begin(scenario, path):
-    opened = open_study(GIVEN, scenario, str(path))
-    return Interview(scenario, opened.file, ahead=False)
+    file, _, _ = open_study({**GIVEN, "study": str(path)}, scenario)
+    return Interview(scenario, file, ahead=False)
 
 
 @pytest.mark.parametrize("now", [(), ("slow",), ("slow", "short")])

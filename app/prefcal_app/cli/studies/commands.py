@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from typer import Argument, Exit, Option, Typer, echo
 
 from prefcal_app.cli.options import RespaceOptions
-from prefcal_app.cli.parameters import examples, made, takes
+from prefcal_app.cli.parameters import examples, takes
 
 app = Typer(
     name="studies",
@@ -145,7 +145,7 @@ def verify(study: Study) -> None:
     ("respace mine --freeze N_p=26", "Keep N_p at 26."),
 )
 @takes(RespaceOptions)
-def respace(**typed: Any) -> None:
+def respace(typed: dict[str, Any]) -> None:
     """Change the knobs of a running study; every experiment and answer stays.
 
     Close its page first. Experiments outside a narrowed range still count for
@@ -153,5 +153,5 @@ def respace(**typed: Any) -> None:
     """
     from .files import respaced_in_words
 
-    for line in respaced_in_words(made(RespaceOptions, typed), typed):
+    for line in respaced_in_words(typed):
         echo(line)

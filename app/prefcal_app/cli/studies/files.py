@@ -68,11 +68,7 @@ EXPERIMENT = re.compile(r"(.+):(\d+|best)")
 
 
 def numbered(name: str, which: str, state: State) -> int:
-    """Return the index of the experiment that people call `which` in the study called `name`.
-
-    Raises:
-        SettingsError: If the study has no such experiment.
-    """
+    """Return the index of the experiment that people call `which` in the study called `name`."""
     index = state.history.incumbent if which == "best" else int(which) - 1
     if index is None or index not in state.finished:
         there = ", ".join(str(k + 1) for k in sorted(state.finished)) or "none"
@@ -123,9 +119,6 @@ def open_described(path: Path, *, writing: bool = False) -> StudyFile:
 
     The configuration is checked, since a study file can hold any plain data, and one imported
     file must not break the list of all studies.
-
-    Raises:
-        StudyError: If the file cannot be opened, or its configuration is invalid.
     """
     file = StudyFile.open(path, clock=wall_clock, reading=not writing)
     problem = _problem(file.state.configuration)
@@ -297,15 +290,9 @@ def completed(given: Mapping[str, Any]) -> dict[str, Any]:
     be described by a plant that is.
 
     Args:
-        given: Values of a command's options by name, None for options that were not typed.
-
-    Raises:
-        ScenarioError: If an option cannot be read.
-        SettingsError: If an option does not fit the scenario, or differs from the study's.
-        StudyError: If there is no such study where no scenario is given, or its scenario is a
-            program that is not named.
+        given: Values of a command's options by name.
     """
-    source, study, words = given["scenario"], given.get("study"), _described(given)
+    source, study, words = given.get("scenario"), given.get("study"), _described(given)
     kept: Mapping[str, Any] = {}
     if study is not None and (source is None or study_path(study).is_file()):
         with open_described(existing(study)) as file:
@@ -327,7 +314,7 @@ def completed(given: Mapping[str, Any]) -> dict[str, Any]:
         # A study from another person must not decide which program runs here; a KPI's name is none.
         if cost is None and known is not None and not is_own(str(known)):
             cost = str(known)
-    return {**given, "scenario": source, "cost": cost}
+    return {**given, "scenario": source} | ({} if cost is None else {"cost": cost})
 
 
 def _with_words(source: str, words: Mapping[str, Any]) -> str:
@@ -347,7 +334,7 @@ def _with_words(source: str, words: Mapping[str, Any]) -> str:
 
 def _described(given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the typed options as keys of a description."""
-    found = {key: given[key] for key in ("plant", "stop_time") if given.get(key) is not None}
+    found = {key: given[key] for key in ("plant", "stop_time") if key in given}
     if given.get("knob"):
         names = [knob_of(text).name for text in given["knob"]]
         texts = [text.partition("=")[2].strip() for text in given["knob"]]
@@ -385,11 +372,7 @@ def _trusted(name: str, named: str, source: str | None) -> str:
 
 
 def rename(old: str, new: str) -> Path:
-    """Rename the study called `old`; return its new file.
-
-    Raises:
-        StudyError: If there is no such study, `new` exists, or another process has it open.
-    """
+    """Rename the study called `old`; return its new file."""
     source, target = existing(old), study_path(new)
     if target.exists():
         raise StudyError(f"there is a study {new!r} already: choose another name")
@@ -399,12 +382,7 @@ def rename(old: str, new: str) -> Path:
 
 
 def remove(names: Sequence[str], *, yes: bool) -> int:
-    """Remove the studies called `names`, each after confirmation unless `yes`; return exit code.
-
-    Raises:
-        StudyError: If there is no such study, a file is not a study, or another process has it
-            open; the studies named before it are removed.
-    """
+    """Remove the studies called `names`, each after confirmation unless `yes`; return exit code."""
     named = {name: existing(name) for name in names}  # check all names before removing anything
     described = {name: _study_in_words(name, path) for name, path in named.items()}
     if not yes and not sys.stdin.isatty():
@@ -485,26 +463,20 @@ def findings_of(name: str) -> tuple[int, tuple[str, ...]]:
 _Part = tuple[float, float]
 
 
-def respaced_in_words(changes: RespaceOptions, typed: Mapping[str, Any]) -> Iterator[str]:
-    """Change the space of a study, and yield the new one in words; for errors see `respace`.
-
-    Args:
-        changes: The changes as typed.
-        typed: All options as typed, of which some name the study and its scenario.
-    """
-    source = completed({name: typed[name] for name in ("study", "scenario", "plant")})["scenario"]
-    yield from in_words(respace(changes, source))
+def respaced_in_words(typed: Mapping[str, Any]) -> Iterator[str]:
+    """Change the space of a study as typed, and yield the new one in words; for errors see `respace`."""
+    # Its --knob is no description of the scenario.
+    of_study = {name: typed[name] for name in ("study", "scenario", "plant") if name in typed}
+    space = respace(RespaceOptions(**typed), completed(of_study)["scenario"])
+    for knob, (low, high) in zip(space, space.within, strict=True):
+        part = f"{low:g}, frozen" if low == high else f"{low:g} to {high:g}"
+        yield f"{knob.name}: {part} {knob.unit}".rstrip()
 
 
 def respace(changes: RespaceOptions, source: str) -> KnobSpace:
     """Change the space of a study of the scenario `source`; return the new space.
 
     The changes are as typed: "T_s=0.25:1.0", "N_p=26", "filter=0.5".
-
-    Raises:
-        StudyError: If there is no such study, or its agent cannot change its space.
-        SettingsError: If the changes cannot be read, or change nothing.
-        KnobError: If a range is invalid.
     """
     with open_described(existing(changes.study), writing=True) as file:
         if file.state.configuration["agent"]["agent"] not in RESPACEABLE:
@@ -564,10 +536,3 @@ def _read(texts: Sequence[str], form: str, scenario: KnobSpace) -> Iterator[tupl
             except ValueError as error:
                 raise SettingsError(f"expected a number, got {end!r} in {text!r}") from error
         yield knob_called(word.strip(), scenario), (numbers[0], numbers[-1])
-
-
-def in_words(space: KnobSpace) -> Iterator[str]:
-    """Yield the searched range of each knob, for people."""
-    for knob, (low, high) in zip(space, space.within, strict=True):
-        part = f"{low:g}, frozen" if low == high else f"{low:g} to {high:g}"
-        yield f"{knob.name}: {part} {knob.unit}".rstrip()

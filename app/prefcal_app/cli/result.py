@@ -1,0 +1,182 @@
+"""Record what a report says of a study, and print its result as a table or as JSON."""
+
+import shlex
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
+
+from prefcal_agents.registry import agent_class
+from prefcal_app.report.record import StudyRecord, gain_of, result_table
+from prefcal_app.session import Interview
+from prefcal_app.session.study import trust_text
+from prefcal_app.terminal.showing import say
+from prefcal_app.view.end import baseline_of
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.study import Concluded, State
+from prefcal_scenarios.own import fingerprint
+from prefcal_scenarios.scenario import Scenario
+from prefcal_scenarios.wording import labeled, printable
+
+from .choices import IN_MEMORY, follows_cost
+from .options import Options
+from .parameters import kept_by
+from .studies.files import as_text
+
+
+def record_of(interview: Interview, options: Options, references: Mapping[str, Experiment]) -> StudyRecord:
+    """Return the record of the study as it stands, for reports."""
+    now = interview.now()
+    state = now.state
+    then, today = _fingerprints(options, state)
+    agent = state.configuration["agent"]
+    winners = state.history.incumbents()  # after each closed query; the last is the best now
+    waiting = sorted(index for index in state.finished if index >= state.history.answered)
+    # What prefcal says of the result comes when it is ready, which is nothing that anybody did.
+    times = [each.at for each in interview.file.events() if not isinstance(each.event, Concluded)]
+    return StudyRecord(
+        scenario=interview.scenario,
+        source=options.scenario,
+        comparisons=interview.past.comparisons(),
+        answered=interview.past.answered(),
+        held=winners if now.incumbent is None else (*winners[:-1], now.incumbent),
+        waiting={index: interview.past.experiment(index) for index in waiting},
+        references=references,
+        settings=options.settings(),
+        # The options name the study of the taste; its answers are in the file, not for people to read.
+        agent_settings={f"{agent['agent']} {k}": v for k, v in agent["settings"].items() if k != "taste"},
+        n_init=options.n_init,
+        n_max=interview.known.n_max,
+        command=options.command(),
+        surrogate=interview.known.surrogate,
+        trust="" if (index := interview.known.index) is None else trust_text(index),
+        ended=state.ended or "",
+        outlook=interview.known.outlook,
+        judged=follows_cost(options, interview.scenario),
+        study=options.study or "",
+        dates=tuple(dict.fromkeys((times[0], times[-1]))),
+        baseline=baseline_of(state),
+        fingerprint=then if then == today else f"{then}; its files have changed since, now {today}",
+        digest=interview.file.digest if options.by_a_person and interview.file.path != IN_MEMORY else "",
+    )
+
+
+def _fingerprints(options: Options, state: State) -> tuple[str, str]:
+    """Return the fingerprint of the scenario at the start, or now if that is not known, and now."""
+    now = fingerprint(options.scenario)
+    return str(state.configuration.get("fingerprint", now)), now
+
+
+def changes(options: Options, state: State) -> Iterator[str]:
+    """Yield what is no longer as it was when a study was begun, and what that means."""
+    source, (then, now) = options.scenario, _fingerprints(options, state)
+    if state.finished and then != now:
+        yield (
+            f"The files of {source} have changed since this study began: its {len(state.finished)} "
+            "experiments ran with the old ones, and are compared with new ones. If that matters, begin anew "
+            f"from what you know: prefcal calibrate {shlex.quote(source)} --start {options.study}:best"
+        )
+    agent = state.configuration["agent"]
+    made, by = agent["version"], agent_class(agent["agent"]).version
+    if state.history.samples and made != by:
+        yield (
+            f"This study was begun with version {made} of {agent['agent']}: earlier proposals were made by "
+            f"that, the next ones are made by version {by}. Experiments and answers count as before."
+        )
+    if unknown := state.configuration["options"].keys() - {*kept_by(Options)}:
+        yield (
+            f"This version of prefcal does not know {', '.join(sorted(unknown))}, with which this study was "
+            "begun: it goes on without."
+        )
+
+
+def references(scenario: Scenario, seed: int, say: Callable[[str], None]) -> dict[str, Experiment]:
+    """Run the reference θ; leave out those that fail, since the study itself is complete."""
+    if scenario.source.asks or not scenario.references:
+        return {}
+    if scenario.source.hangs:
+        say("The references did not run: the last run had to be ended.")
+        return {}
+    experiments: dict[str, Experiment] = {}
+    for name, theta in scenario.references.items():
+        try:
+            experiments[name] = scenario.run(theta, seed=seed)
+        except Exception as error:  # a rig can raise anything
+            say(f"The reference {name!r} did not run: {error}")
+    return experiments
+
+
+def as_json(record: StudyRecord, options: Options, report: Path | None, simulated: int | None = 0) -> str:
+    """Return the result as strict, indented JSON, with null for missing numbers or no report."""
+    best = record.best
+    content = {
+        "best": None if best is None else record.scenario.space.named(best.experiment.theta),
+        "cost": None if best is None else best.cost,
+        "kpis": None if best is None else dict(best.experiment.kpis),
+        "experiments": len(record.trials),
+        "questions": record.questions,
+        "simulated": simulated,
+        "verdicts": record.verdict_counts(),
+        "report": None if report is None else str(report),
+        "scenario": options.scenario,
+        "agent": options.agent,
+        "calibrator": options.calibrator,
+        "seed": options.seed,
+        "study": options.study,
+        "stopped": record.stopped,
+    }
+    return as_text(content)
+
+
+_SIGNS = {None: ("  ", ""), True: (" ✓", "green"), False: (" ✗", "red")}
+"""Sign and style of a value that meets its objective, or does not."""
+_STYLES = {"yes": "green", "no": "red"}  # style of a cell by its last class
+
+
+def show(record: StudyRecord, report: Path, console: Console) -> None:
+    """Print what was gained, the best θ next to the references, and the path of the report."""
+    if record.best is not None:
+        gain, result = gain_of(record), result_table(record)
+        if not gain["same"]:
+            console.print(_drawn(gain["title"], gain["table"]))
+        shown = _drawn(record.scenario.title, result)
+        shown.columns[1].style = "bold blue"
+        console.print(shown)
+        if gain["before"]:
+            say(console, gain["back"])
+    show_outlook(record, console)
+    console.print(Text.assemble("Report: ", (str(report), "bold")), soft_wrap=True)
+
+
+def show_outlook(record: StudyRecord, console: Console, said: Sequence[str] = ()) -> None:
+    """Print whether to continue, and what is said of the result; not again what was `said`."""
+    for line in () if record.outlook is None else record.outlook.lines:
+        if line not in said:
+            console.print(line, soft_wrap=True, markup=False, highlight=False)
+
+
+def _drawn(title: str, table: Mapping[str, Any]) -> Table:
+    """Return a table of the view for the console: a column of names, and columns of values."""
+    drawn = Table("", title=plain(title), title_style="bold", title_justify="left")
+    for column in table["columns"][1:]:
+        drawn.add_column(plain(column["name"]), justify="right")
+    signed = {k for row in table["rows"] for k, cell in enumerate(row["cells"]) if cell["met"] is not None}
+    for row in table["rows"]:
+        cells = [
+            Text.assemble(
+                (cell["text"], _STYLES.get(cell["kind"].rpartition(" ")[2], "")),
+                _SIGNS[cell["met"]] if k in signed else "",
+            )
+            for k, cell in enumerate(row["cells"])
+        ]
+        drawn.add_row(plain(labeled(row["name"], row["unit"])), *cells)
+    return drawn
+
+
+def plain(text: str) -> str:
+    """Return a name out of the user's file as text that moves no cursor and is no markup."""
+    return escape(printable(text))
