@@ -51,11 +51,12 @@ class StrategyRow(NamedTuple):
 
     Args:
         holds: Function that returns whether the row applies to a fit in a study.
-        objective: Function that trains a model, and returns what the next sample minimizes of it.
+        objective: Function that trains a model, and returns what the next sample minimizes of it;
+            None if the draws of what the person wants choose, see `most_promising`.
     """
 
     holds: Callable[[GLISpSetup, Fit], bool]
-    objective: Callable[[GLISpSetup, Fit], Objective]
+    objective: Callable[[GLISpSetup, Fit], Objective] | None
 
 
 def _every_second_time(setup: GLISpSetup, fit: Fit) -> bool:
@@ -77,8 +78,12 @@ def _exploration(setup: GLISpSetup, fit: Fit) -> Objective:
     return Acquisition.of(surrogate, setup.settings.delta, cube_of(fit.data.history))
 
 
-STRATEGY = (StrategyRow(_every_second_time, _mean), StrategyRow(lambda setup, fit: True, _exploration))
-"""What the next sample minimizes without KPIs: the first row that holds.
+STRATEGY = (
+    StrategyRow(lambda setup, fit: fit.kpis is not None, None),
+    StrategyRow(_every_second_time, _mean),
+    StrategyRow(lambda setup, fit: True, _exploration),
+)
+"""What chooses the next sample: the first row that holds. A row above the first one reaches studies with KPIs.
 
 Deviation: the paper has the last row only.
 """
@@ -88,15 +93,15 @@ def propose(setup: GLISpSetup, fit: Fit) -> Float[np.ndarray, " n"]:
     """Return the cube point of the next sample, shape (n,): a minimum of an acquisition.
 
     Source: eq. xNp1.
-    Deviation: `most_promising` if KPIs explain the answers, otherwise `STRATEGY`; unsafe marks add
-    to the acquisition, see `Penalized`.
+    Deviation: see `STRATEGY`; unsafe marks add to the acquisition, see `Penalized`.
     """
     history = fit.data.history
     rng = np.random.default_rng([setup.seed, history.answered])
     penalty = _penalty(setup, history)
-    if fit.kpis is not None:
-        return most_promising(setup, history, fit.kpis, penalty, rng)
     rule = next(rule for rule in STRATEGY if rule.holds(setup, fit))
+    if rule.objective is None:
+        assert fit.kpis is not None  # by the row's condition
+        return most_promising(setup, history, fit.kpis, penalty, rng)
     objective = rule.objective(setup, fit)
     if penalty is not None:
         objective = Penalized(objective, penalty)
