@@ -110,6 +110,8 @@ def kpis_of(history: History) -> tuple[Mapping[str, float], ...]:
     for c in history.comparisons:
         for index, outcome in zip((c.challenger, c.incumbent), c.answer.outcomes or (), strict=False):
             if index is not None and outcome is not None:
+                # The first word counts: an experiment is measured once, and later answers only repeat its
+                # KPIs.
                 known[index] = known.get(index) or dict(outcome)
     return tuple(known.get(index, {}) for index in range(history.answered))
 
@@ -175,6 +177,7 @@ class Memory:
             if len(chosen) < most and len(both) <= _SAMPLES * most:
                 chosen.append(h)
                 samples = both
+        # Samples without an answer that is kept still have KPIs, from which processes learn.
         others = [i for i in range(count) if i not in samples]
         samples.update(others[len(others) - max(min(most, count) - len(samples), 0) :])
         kept = np.array(sorted(samples), dtype=np.int64)
@@ -188,6 +191,7 @@ def _by_weight(lessons: Sequence[Comparison], most: int) -> list[int]:
     for h in reversed(range(len(lessons))):
         later[h] = seen.get(lessons[h].challenger, 0)
         seen[lessons[h].challenger] = later[h] + 1
+    # Only the last answer about each sample, so that the oldest ones cover as many samples as they can.
     oldest = [h for h in range(len(lessons)) if not later[h]][: int(_OLDEST * most)]
     rest = set(range(len(lessons))) - set(oldest)
     return [*oldest, *sorted(rest, key=lambda h: (later[h], -h))]
@@ -206,6 +210,7 @@ def _part(history: History, lessons: Sequence[Comparison], kept: Int[np.ndarray,
             comparisons.append(Comparison(k, None, Answer(None, outcomes=known)))
     for c in lessons:
         if c.after is not None:
+            # Follow-ups are numbered by the answers before them, of which some are left out now.
             after = int(np.searchsorted(kept, c.after))
             follow_ups.append(replace(_renumbered(c, number), after=after))
     return History(tuple(history.samples[index] for index in number), tuple(comparisons), tuple(follow_ups))
@@ -233,6 +238,7 @@ def judged(history: History) -> History:
     # Interrupted runs have infinite KPIs. So have those that never settle, which look the same.
     finite = [bool(kpis) and np.isfinite(list(kpis.values())).all() for kpis in known]
     whole = [i for i, each in enumerate(finite) if each and i not in partial]
+    # Only runs before it: what is learned after an answer must not change with later runs.
     filled = {i: _filled(z, known, [w for w in whole if w < i], i) for i in sorted(cut)}
 
     def taught(c: Comparison) -> Comparison:
@@ -349,6 +355,8 @@ class Stages(Generic[Known]):
         before, known = self._latest(past)
         for count in self._steps(before.answered + 1, past.answered):
             here = past.until(count)
+            # The experiment first, then its follow-ups: a question between both starts from what the first
+            # taught.
             alone = here if self._whole else replace(here, follow_ups=before.follow_ups)
             known = self._kept(alone, before, known)
             if here != alone:

@@ -153,6 +153,8 @@ class Scale:
 
         `limits` are the largest values that meet stated objectives, by the name of the KPI.
         """
+        # The good value is that of the whole bank, or a leader would lie beyond it; scales are those of
+        # random θ alone, since θ near leaders crowd where values are good.
         kpis = _bounded(bank.kpis)
         usual = [column[np.isfinite(column)] for column in kpis[spread].T]
         columns = [j for j, c in enumerate(usual) if len(c) and c.min() < c.max()]
@@ -251,6 +253,8 @@ class Utilities:
         `ordered` says which of them are orders, shape (count,); None for the first half.
         """
         shape = (count, len(scale.names))
+        # Uniform quantiles alone would hardly ever put a limit among the best percent, where late answers
+        # are.
         deep = _LARGEST * 10.0 ** rng.uniform(-_DEEPEST, 0.0, shape)
         share = np.where(rng.random(shape) < 0.5, deep, rng.uniform(0.0, _LARGEST, shape))
         scales = scale.at(share)
@@ -258,6 +262,7 @@ class Utilities:
         rates, odds = zip(*mistakes, strict=True)
         free = ordered[:, None] & (rng.random(shape) < _UNLIMITED)
         return cls(
+            # Without a limit every value counts: a distance of 0 is where levels begin.
             np.where(free, -np.inf, scales),
             2.0 ** rng.uniform(*_EXPONENTS, shape),
             scale.ranges * 10.0 ** rng.uniform(*_STEPS, shape),
@@ -265,6 +270,7 @@ class Utilities:
             rng.standard_normal(shape),
             rng.choice(_SPREADS, count),
             10.0 ** rng.uniform(*_NOTICED, count),
+            # 0 for trade-offs. Without a KPI the range would be empty, which the generator refuses.
             ordered * rng.integers(1, max(min(shape[1], _MOST), 1) + 1, count),
             rng.choice(rates, count, p=odds),
         )
@@ -533,8 +539,11 @@ def updated(
     Deviation: proposals draw from the distribution before any answer, so that the likelihood alone
     decides.
     """
+    # Only the ratio: the draws already follow the old answers, which may change, too, when one is retracted.
     gained = new.log_likelihood(before) - old.log_likelihood(before)
     shares = np.cumsum(np.exp(gained - gained.max()))
+    # Systematic: one random number for all, so that a draw is repeated as often as it should be, to within
+    # one.
     places = (rng.random() + np.arange(len(before))) / len(before) * shares[-1]
     rows = np.minimum(np.searchsorted(shares, places), len(before) - 1)
     utilities = before.take(rng.permutation(rows))
@@ -557,14 +566,17 @@ def _moved(
     answers = lessons.better, lessons.worse, lessons.tie
     logs = utilities.log_answers(levels, *answers) @ lessons.strength
     for _ in range(_MOVES):
+        # Orders stay orders here: the share of both kinds changes by repetition alone.
         new = Utilities.drawn(scale, count, rng, utilities.ordered > 0, mistakes)
         tried = utilities.mutated(new, rng)
+        # A new shape always has a new just noticeable difference, so this finds the KPIs whose levels change.
         draw, kpi = np.nonzero(tried.steps != utilities.steps)
         stated = np.isfinite(tried.limits[draw, kpi])
         draw, part = np.append(draw, draw[stated]), np.append(kpi, kpi[stated] + k)
         before = levels[part, draw]
         levels[part, draw] = tried.level(lessons.logs, part, draw)
         likely = tried.log_answers(levels, *answers) @ lessons.strength
+        # Proposals follow the prior, and weights a step that keeps it, so prior and proposal cancel.
         accepted = np.log(rng.random(count)) < likely - logs
         refused = ~accepted[draw]
         levels[part[refused], draw[refused]] = before[refused]
@@ -688,7 +700,10 @@ def corrected(
         known = known[np.isfinite(known)]
         cap = (known.max() if len(known) else 0.0) + _INFINITE
         values = _drawn(beliefs, np.minimum(twin, cap), np.minimum(real, cap), rows, draws, rng)
+        # What was measured is exact, whatever its noise: a person judged these values.
         values[:, rows] = real
+        # Infinite KPIs entered as slightly worse than all others; drawn values nearer to that are infinite
+        # again.
         found[:, :, kpi] = np.where(values > cap - _INFINITE / 2, np.inf, values)
     return found
 
@@ -708,6 +723,7 @@ def _drawn(
     spread, count = float(twin.std()) + 1e-9, len(beliefs[0].outer)
     bases = [twin if belief.twin else np.full(count, twin.mean()) for belief in beliefs]
     fits = [belief.fit(real - base[rows], spread) for belief, base in zip(beliefs, bases, strict=True)]
+    # Averaged over beliefs instead of choosing the likeliest: after two or three runs none is sure.
     chosen = rng.choice(len(beliefs), draws, p=softmax([fit.evidence for fit in fits]))
     found = np.empty((draws, count))
     for k in np.unique(chosen):
@@ -746,6 +762,7 @@ class _Belief:
         knobs = z.shape[1]
         length = share * np.sqrt(knobs)
         outer = matern(squares(z, z[rows]) / length**2)[0] + _OFFSET[twin]
+        # Always the same cosines: then draws differ by their weights alone, for all lengths and KPIs.
         rng = np.random.default_rng(_FEATURES)
         # The spectrum of the kernel is Student's t distribution with five degrees of freedom.
         tails = np.sqrt(rng.chisquare(5.0, (_FEATURES, 1)) / 5.0)
@@ -766,6 +783,7 @@ class _Belief:
         """
         prior = (spread * (_OFF if self.twin else 1.0)) ** 2
         alpha = np.linalg.solve(self.inner, values)
+        # Inverse gamma with shape 1 and scale `prior`: the variance can be integrated out in closed form.
         half, shape = float(values @ alpha) / 2, 1.0 + len(values) / 2
         factor = np.linalg.cholesky(self.inner)
         evidence = np.log(_TRUST if self.twin else 1.0 - _TRUST) - shape * np.log1p(half / prior)
@@ -853,6 +871,8 @@ def now_and_next(
     now = np.where(_telling(costs, kept, best, allowed), kept.mean(axis=0), -np.inf)
     value = np.full(len(now), -np.inf)
     for row in np.argsort(-now, kind="stable")[: min(LOOK, np.count_nonzero(np.isfinite(now)))]:
+        # Draws split by what they would answer, without mistakes: what each group would ask next is its best
+        # one.
         won, lost = (sign * (costs[:, best] - costs[:, row]) > 1.0 for sign in (1, -1))
         after = [_kept(costs[won], found[won], row), kept[lost], kept[~won & ~lost]]
         then = sum(each[:, allowed].sum(axis=0).max() for each in after) / len(costs)
@@ -918,6 +938,7 @@ def trend(z: Float[np.ndarray, "m n"], costs: Float[np.ndarray, "s m"], row: int
     near = np.exp(-0.5 * np.sum(steps**2, axis=1) / (_NEAR**2 * z.shape[1]))
     plane = np.column_stack([np.ones(len(z)), steps])
     weighted = plane.T * near
+    # The ridge decides where all near θ share a value of a knob: there the slope is 0.
     square = weighted @ plane + 1e-6 * np.eye(plane.shape[1])
     return np.asarray(np.linalg.solve(square, weighted @ worth(costs).mean(axis=0))[1:])
 
@@ -928,5 +949,6 @@ def overtaking(better: Float[np.ndarray, " n"], history: History) -> Float[np.nd
     It is 0 unless the probability is above 0.75, and for those that were unsafe or cut short.
     """
     found = np.where(better > _DOUBT, better, 0.0)
+    # An unsafe run never leads, and the KPIs of one that was cut short are bounds, not values.
     found[[*history.unsafe(), *history.cut_short()]] = 0.0
     return found

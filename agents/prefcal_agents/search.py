@@ -31,6 +31,7 @@ def capacity(space: KnobSpace) -> float:
         KnobError: If the space is small and the constraints allow no θ.
     """
     counts = [_count(knob, *part) for knob, part in zip(space, space.within, strict=True)]
+    # Beyond this it would take too long to ask the constraints about every θ, and no study runs that many.
     total = prod(counts)
     if not space.constraints or total > _COUNTED:
         return float(total)
@@ -83,6 +84,8 @@ class Region:
         """
         n = len(self.space)
         found = np.zeros((0, n))
+        # Blocks grow: most regions need a few hundred points, and a thin one is known as such only after
+        # many.
         for size in _BLOCKS:
             block = self.space.scaled(rng.random((max(size, count), n)))
             found = np.vstack([found, block[self.allows(block)]])
@@ -91,6 +94,7 @@ class Region:
         if not len(found):
             found = self._search(rng)
         for _ in range(_ROUNDS):
+            # Points beside points: after a few rounds little of where the search happened to arrive is left.
             found = np.vstack([found, self._beside(found, count, rng)])
         return found[-count:]
 
@@ -101,11 +105,14 @@ class Region:
         start = anchors[rng.integers(len(anchors), size=count)]
         edge = self._toward(start, self.space.scaled(rng.random((count, start.shape[1]))))
         inside = start + rng.random((count, 1)) * (edge - start)
+        # The region need not be convex, so what lies between may be refused although both ends are allowed.
         return np.where(self.allows(inside)[:, None], inside, start)
 
     def _search(self, rng: np.random.Generator) -> Float[np.ndarray, "a n"]:
         """Return allowed points, found by reducing the violation of the constraints."""
         leaders = self.space.scaled(rng.random((_BLOCKS[-1], len(self.space))))
+        # Constraints have units of their own: each is measured by its median, or the largest would hide the
+        # rest.
         sizes = np.nan_to_num(np.abs(self.space.excess(self._thetas(leaders))))
         scale = np.median(sizes, axis=0)
         order = np.argsort(self._violation(leaders, scale), kind="stable")
@@ -167,6 +174,8 @@ class Region:
         for _ in range(_HALVINGS):
             middle = (allowed + refused) / 2
             good = self.allows(start + middle * (end - start))[:, None]
+            # Only `allowed` is returned, so the point is on the safe side of the edge, however few
+            # bisections.
             allowed, refused = np.where(good, middle, allowed), np.where(good, refused, middle)
         return np.asarray(start + allowed * (end - start))
 
@@ -288,6 +297,7 @@ class Domain:
         """
         lower, upper = space.corners
         start = np.clip(np.array(history.samples[history.incumbent or 0].z), lower, upper)
+        # The gradient of a rounded knob is that of a value that cannot run: only draws move integer knobs.
         fixed = space.integers | (lower == upper)
         if not space.constraints:
             return cls(fixed, space.snap_all, start, (lower, upper))
@@ -329,6 +339,7 @@ def multistart(
     order = np.argsort(values, kind="stable")
     points, values = points[order], values[order]
     chosen = _apart(points, starts)
+    # Values are computed again after snapping: rounding to a dial can lose more than the descent gained.
     descended = domain.snap(np.array([_descend(objective, domain, points[k], iterations) for k in chosen]))
     everything = np.vstack([descended, points])
     values = np.concatenate([objective(descended), values])
@@ -337,6 +348,7 @@ def multistart(
 
 def _sampled(domain: Domain, rng: np.random.Generator, draws: int) -> Float[np.ndarray, "m n"]:
     n, near = len(domain.start), draws // 3
+    # Log-uniform: late steps are far shorter than early ones, and the search does not know which it needs.
     steps = np.exp(rng.uniform(np.log(_SCALES[0]), np.log(_SCALES[1]), size=(near, 1)))
     around = domain.start + steps * rng.standard_normal((near, n))
     low, high = domain.corners
@@ -592,6 +604,8 @@ class SafetyModel:
         offset = float(np.log((1 + np.sum(labels)) / (1 + np.sum(~labels))))
         if len(labels) > MOST:
             common = labels == (np.mean(labels) > 0.5)
+            # The rare label is what an edge is learned from; the latest of the common one lie where proposals
+            # are.
             kept = np.sort(np.lexsort((-np.arange(len(labels)), common))[:MOST])
             samples, labels = samples[kept], labels[kept]
         d = squared_distances(samples, samples) / samples.shape[1]
@@ -637,6 +651,7 @@ def _mode(
     for _ in range(_NEWTON_STEPS):
         p = _logistic(offset + f)
         w = p * (1 - p)
+        # Algorithm 3.1 factors 1 + W½ K W½, whose eigenvalues are 1 or more, however close samples are.
         root = np.sqrt(w)
         factor = cho_factor(np.eye(len(w)) + root[:, None] * kernel * root, lower=True)
         b = w * f + labels - p
@@ -722,6 +737,7 @@ def replaced(
 
     The best point is safe and far from all `others`, shape (m, n), as in the initial design.
     """
+    # Whatever else is planned stays: the points of a design fill the space together.
     if penalty.safety(planned[None])[0] >= penalty.least:
         return planned
     apart = np.sqrt(squared_distances(pool, others).min(axis=1) / len(planned))

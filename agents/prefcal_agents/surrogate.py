@@ -80,6 +80,7 @@ class Shape:
         """Return the shape in which `knob` counts `factor` as much; None if too far from others."""
         scales = np.array(self.scales)
         scales[knob] *= factor
+        # With a geometric mean of 1: otherwise the factor would also change ε for all other knobs.
         scales /= np.exp(np.mean(np.log(scales)))
         if scales.max() > _WIDEST * scales.min():
             return None
@@ -191,6 +192,8 @@ class Constraints:
 
         `phi` holds what is weighted, at all samples: N functions φ, or p KPIs.
         """
+        # Eq. RBF-pref: a strict preference asks for worse minus better, and a tie for |Ĵ(θ1) - Ĵ(θ2)| <= σ,
+        # which takes one row for each side.
         difference = phi[preferences.first] - phi[preferences.second]
         strict, tie = np.flatnonzero(preferences.b), np.flatnonzero(preferences.b == 0)
         owner = np.concatenate([strict, tie, tie])
@@ -214,6 +217,7 @@ class Constraints:
 
     def without(self, left_out: Bool[np.ndarray, " M"]) -> "Constraints":
         """Return the rows of the comparisons that are not left out."""
+        # Rows that hold for any answer are not evidence, so no fold leaves them out.
         kept = (self.owner == _NOBODY) | ~left_out[self.owner]
         return Constraints(self.rows[kept], self.margins[kept], self.weights[kept], self.owner[kept])
 
@@ -291,6 +295,7 @@ def _dual(
     def beta(z: Float[np.ndarray, " R"] | None) -> Float[np.ndarray, " N"]:
         if z is None:
             return np.zeros(rows.shape[1])
+        # An interior point leaves the box by its tolerance, which the scale magnifies.
         alpha = np.clip(z * scale / length, 0.0, ceiling)
         return np.asarray(learning.sigma * (alpha @ rows))
 
@@ -338,6 +343,7 @@ class Validation:
             values = phi @ beta
             gap = values[known.first[left_out]] - values[known.second[left_out]]
             b = known.b[left_out]
+            # A strict answer only has to have its sign: it does not say by how much the other one is worse.
             agrees = np.where(b == 0, np.abs(gap) <= self.learning.sigma, b * gap > 0)
             right += int(np.count_nonzero(agrees))
         return right
@@ -440,6 +446,7 @@ class Sites:
     def toward(self, other: "Sites") -> "Sites":
         """Return the sites after a damped step toward `other`."""
         return Sites(
+            # All sites move at once: undamped, rows that say the same would each add the whole of it.
             self.precision + _DAMPING * (other.precision - self.precision),
             self.shift + _DAMPING * (other.shift - self.shift),
         )
@@ -481,6 +488,7 @@ class ExpectationPropagation:
 
         Starting from the sites `start` is faster and gives the same result within tolerance.
         """
+        # Ties are the rows with margin -1; the sign of a row says nothing about them.
         strict = constraints.margins >= 0
         unit = unit_rows(constraints.rows[strict])
         answered = constraints.owner[strict] >= 0
@@ -498,6 +506,7 @@ class ExpectationPropagation:
         return cls(
             mean=mean,
             root=rest.root,
+            # By the cavities, so that no answer predicts itself: as good as leaving each out, in one fit.
             predicted=float(np.sum(np.log(probability[answered]))),
             wrong=np.asarray((e * (1 - right) / probability)[answered]),
             evidence=rest.evidence(sites, probability),
@@ -524,11 +533,13 @@ class _Rest:
     @classmethod
     def of(cls, unit: Float[np.ndarray, "R N"], sites: Sites) -> "_Rest":
         inner = (unit.T * sites.precision) @ unit
+        # The prior of β is standard normal: its precision is added.
         inner.flat[:: len(inner) + 1] += 1.0
         root, _ = dpotrf(inner, lower=1, clean=1)
         across, _ = dtrtrs(root, unit.T, lower=1)
         variance = np.maximum(np.einsum("ij,ij->j", across, across), 1e-10)
         half = across @ sites.shift
+        # Taking a site out of the posterior may leave less than nothing, by rounding.
         precision = np.maximum(1 / variance - sites.precision, _LEAST)
         m = (across.T @ half / variance - sites.shift) / precision
         return cls(root, half, m, precision, m * np.sqrt(precision))
@@ -542,10 +553,13 @@ class _Rest:
 
     def matched(self, e: Float[np.ndarray, " R"]) -> Sites:
         """Return the sites that match the true mean and variance of each answer."""
+        # Mean and variance of the cavity times the likelihood, which is a step from e to 1 - e at 0.
         z, v = self.z, 1 / self.precision
         density = np.exp(-z * z / 2) / np.sqrt(2 * np.pi * v)
         slope = (1 - 2 * e) * density / self.probability(e)[0]
         after = np.maximum(v - v * v * slope * (self.m / v + slope), 1e-12)
+        # The step is not log-concave: an answer that the others contradict asks for a negative precision,
+        # with which that of β might not be positive definite.
         target = np.minimum(np.maximum(1 / after - self.precision, _LEAST), _LARGEST)
         to = (self.m + v * slope) * (self.precision + target) - self.m * self.precision
         return Sites(target, to)
@@ -597,6 +611,7 @@ class PreferenceGP:
         lengths, start = known.likeliest()
         factor = known.factor(lengths)[0]
         posterior = known.posterior(factor, start)
+        # The values are factor · β, so of K⁻¹ only one triangular solve is left.
         alpha = solve_triangular(factor, posterior.mean, lower=True, trans=1)
         return cls(known.centers, lengths, np.asarray(alpha))
 
@@ -649,9 +664,11 @@ class _Known:
         """Return the comparisons of the last samples, without ties."""
         strict = np.flatnonzero(preferences.b)
         first, second = preferences.first[strict], preferences.second[strict]
+        # Reversed, so that the first place of a sample is that of its latest comparison.
         samples, at = np.unique(np.stack([first, second], 1).ravel()[::-1], return_index=True)
         recent = np.sort(samples[np.argsort(at)[:_RECENT]])
         kept = strict[np.isin(first, recent) & np.isin(second, recent)]
+        # What is learned are the values themselves, not weights of φ: each sample is its own feature.
         one_each = np.eye(len(preferences.samples))[:, recent]
         centers = preferences.samples[recent]
         return cls(
@@ -686,6 +703,7 @@ class _Known:
             factor, u, slope = self.factor(np.exp(logs))
             posterior = self.posterior(factor, sites)
             sites = posterior.sites
+            # Without the prior, few answers would make a length infinite: one that does not matter yet.
             beyond = (logs - expected) / _SPREAD
             # ∂K/∂log ℓ_j = -slope u_j.
             gradient = 0.5 * np.einsum("mN,jmN->j", self._pull(factor, posterior) * slope, u)

@@ -127,6 +127,7 @@ class GLISpSettings(Settings):
         for name in ("epsilon", "least_safe"):
             number(name, getattr(self, name), strict=True)
         for name, limit in (("error_rate", 0.5), ("least_safe", 1)):
+            # At an error rate of one half answers say nothing, and nothing is safe with certainty.
             if getattr(self, name) >= limit:
                 raise SettingsError(f"{name} must be below {limit}, got {getattr(self, name)!r}")
         choice("rbf", self.rbf, RADIAL_FUNCTIONS)
@@ -205,6 +206,7 @@ class KPIFit:
             draws: Number d of draws.
         """
         some = self.utilities.take(np.arange(0, len(self.utilities), len(self.utilities) // draws))
+        # In each draw θ without a run have KPIs of their own, correlated with those that ran.
         points, rows = np.vstack([self.bank.z[self.kept], z]), np.arange(len(self.kept))
         known = self.scale(self.bank, self.kept.tolist())
         return some.costs(corrected(points, None, rows, known, len(some), rng))
@@ -214,6 +216,7 @@ class KPIFit:
         found = []
         for part in np.array_split(z, len(z) // _AT_ONCE + 1):
             costs = self.costs(part, np.random.default_rng(seed), _SHOWN)
+            # Within each draw: costs of two draws have no common unit.
             known, new = costs[:, : len(self.kept)], costs[:, len(self.kept) :]
             pairs = zip(np.sort(known), new, strict=True)
             found.append(np.mean([np.searchsorted(row, c) for row, c in pairs], axis=0))
@@ -239,6 +242,7 @@ class KPIFit:
             return None
         costs = self._of_samples(history)
         doubt = np.mean(costs < costs[:, [best]], axis=0)
+        # Half a run cannot be compared with a whole one, and nobody has to look at an unsafe one again.
         doubt[[best, *history.unsafe(), *history.cut_short()]] = 0.0
         for rival in map(int, np.argsort(-doubt, kind="stable")):
             if doubt[rival] <= _DOUBT:
@@ -280,9 +284,11 @@ def _following(seed: int, past: History, before: History, fit: KPIFit) -> KPIFit
     scale, part = Scale.of(bank, np.arange(len(bank))), Memory.of(past).history
     if scale.names != fit.scale.names:  # a KPI was always the same before: begin again
         before, utilities = History(), _draw(scale, rng)
+    # An unsafe run teaches even without an answer: it is worse than all others.
     if scale.names and (past.lessons() or past.unsafe()):
         old, new = (Lessons.of(bank, scale, each) for each in (Memory.of(before).history, part))
         utilities = updated(utilities, old, new, scale, rng, SURE)
+    # Processes cost the cube of their points: only what the memory keeps enters them.
     kept = np.unique(bank.rows([sample.theta for sample in part.samples]))
     return KPIFit(bank, kept, scale, utilities)
 
@@ -327,6 +333,7 @@ def most_promising(
         points = np.vstack([points[fine], others])
         risk = np.zeros(len(points)) if penalty is None else penalty(points)
     value = expected_best(fit.costs(points, rng), fit.row(best.theta))[len(fit.kept) :]
+    # Risk first: a promising θ that is likely unsafe comes after all that are not.
     ranked = points[np.lexsort((-value, risk))]
     tried = Tried(space, history)
     found = tried.first_new(ranked)
@@ -381,6 +388,7 @@ def evidence_of_mistakes(preferences: Preferences, shape: Shape, error_rate: flo
     """
     if not np.any(preferences.b):
         return 0.0
+    # Both explanations with the same φ: another width would be a third explanation.
     constraints = rows_of(preferences, shape)
     fallible = ExpectationPropagation.of(constraints, error_rate)
     sure = ExpectationPropagation.of(constraints, ALMOST_SURE, fallible.sites)
@@ -406,6 +414,7 @@ def suited_shape(
         start = fit.sites
         return fit.predicted
 
+    # A neighbor at most: each candidate is a fit, and one answer hardly moves the best width.
     candidates = _EPSILONS if first else nearest(_EPSILONS, shape.epsilon, 1)
     best, epsilon = max((score(replace(shape, epsilon=x)), x) for x in candidates)
     turn = answered % len(shape.scales)
@@ -552,6 +561,7 @@ class ModelSelection:
         if stage.tested is None:
             return Selection(stage.shape, None, is_noisy=False)
         noise = NoiseTest(stage.tested, float(np.mean([test() for test in stage.tests])))
+        # A cost that jumps looks like mistakes, too: only a contradiction proves one.
         noisy = noise.suspects and contradictory(history.verdicts())
         return Selection(stage.shape, noise, noisy)
 
@@ -596,6 +606,7 @@ class ModelSelection:
         comparisons, count = len(data.preferences), data.history.answered
         if comparisons < FOLDS:
             return shape
+        # A stream of its own (1), so that dealing folds does not change what is proposed.
         rng = np.random.default_rng([self._seed, count, 1])
         validation = Validation.deal(data.preferences, self._learning, rng)
         candidates, reach = self._candidates, 1
