@@ -91,6 +91,7 @@ class Thurstone:
 
     def draw(self, generator: np.random.Generator) -> float:
         """Return one error of a difference of costs, in the unit of the cost."""
+        # Both costs have an error of their own: variances add up.
         return float(np.sqrt(2) * self.sigma * generator.standard_normal())
 
 

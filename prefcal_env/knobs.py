@@ -98,12 +98,15 @@ class Knob:
         if step == 0:
             return value
         if self.scale == "log10" and not self.integer:
+            # log1p, since 1 + step has few digits of a small step left.
             count = floor(log(value / self.low) / log1p(step) + 0.5)
             digits = max(2, 2 - floor(log10(step)))  # those that separate neighbors, plus two
             near = float(f"{self.low * (1 + step) ** count:.{digits}g}")
         else:
+            # 3 · 0.1 is 0.30000000000000004: cut, it is the number that a person would type.
             near = float(f"{floor(value / step + 0.5) * step:.{_DIGITS}g}")
         near = min(max(near, self.low), self.high)
+        # The ends are values, too, though they need not be multiples of the step.
         return min((near, self.low, self.high), key=lambda end: abs(end - value))
 
     def round_within(self, value: float, part: tuple[float, float]) -> float:
@@ -160,9 +163,11 @@ class Knob:
         """Return the physical value, in `unit`, at `z` in [0, 1]; integers round half up."""
         if self.scale == "log10":
             low, high = np.log10(abs(self.low)), np.log10(abs(self.high))
+            # Not low + z (high - low), which can miss the upper end by rounding.
             value = self._sign * 10.0 ** (low * (1 - z) + high * z)
         else:
             value = self.low * (1 - z) + self.high * z
+        # Half up, as people do; `round` would take 2.5 and 3.5 to 2 and 4.
         if self.integer:
             value = np.floor(value + 0.5)
         value = float(min(max(value, self.low), self.high))
@@ -228,7 +233,9 @@ def default_step(low: float, high: float, scale: str) -> float:
     if most <= _FINEST * size:
         return 0.0  # the range holds hardly more floats than that
     power = 10.0 ** floor(log10(most))
+    # A hundredth of the range may be just below a round number by rounding.
     lead = next(lead for lead in (5.0, 2.0, 1.0) if lead * power <= most * (1 + 1e-9))
+    # A power of ten below 1 is no double: this is the one that people write.
     return float(f"{lead * power:.1g}")
 
 
@@ -385,6 +392,7 @@ class LinearConstraint:
     def __call__(self, values: Mapping[str, Float[np.ndarray, " m"]]) -> Float[np.ndarray, " m"]:
         """Return left side minus bound at m θ, given as one array (m,) for each knob; (m,)."""
         terms = np.array([c * values[knob] for knob, c in self.coefficients])
+        # Rounding grows with the largest term, not with the difference, which may be 0.
         largest = np.maximum(np.max(np.abs(terms), axis=0), abs(self.at_most))
         return np.asarray(np.sum(terms, axis=0) - self.at_most - _TERM_ROUNDING * largest)
 
@@ -548,6 +556,7 @@ class KnobSpace:
         theta = self.decode(z)
         parts = zip(self.knobs, theta, self.within, strict=True)
         rounded = np.array([knob.round_within(value, part) for knob, value, part in parts])
+        # At the edge of the region rounding may lead outside: better a long number than a forbidden one.
         if self.constraints and not self.allows(rounded) and self.allows(theta):
             rounded = theta
         return self.encode(rounded)
@@ -563,6 +572,7 @@ class KnobSpace:
         thetas = self._decoded(z)
         rounded = thetas.copy()
         for k, (knob, part) in enumerate(zip(self.knobs, self.within, strict=True)):
+            # By Python's functions for each value: numpy's differ in the last bit, and a θ must be one θ.
             near = np.clip(list(map(knob.round, thetas[:, k])), *part)
             rounded[:, k] = np.where(np.isin(thetas[:, k], part), thetas[:, k], near)
         if self.constraints:
@@ -596,6 +606,7 @@ class KnobSpace:
         for k, knob in enumerate(self.knobs):
             if knob.resolution == 0 or (only_integers and not knob.integer):
                 continue
+            # For searches, where the last bit does not matter: what is proposed goes through `snap`.
             column = knob.encode_all(knob.round_all(knob.decode_all(snapped[:, k])))
             snapped[:, k] = np.clip(column, lower[k], upper[k])
         return snapped
@@ -696,6 +707,7 @@ class KnobSpace:
         """
         theta = self.check(theta)
         for constraint, g in zip(self.constraints, self.excess(theta[None])[0], strict=True):
+            # So written, NaN is forbidden.
             if not g <= 0:
                 raise KnobError(
                     f"constraint {constraint.name!r} must be 0 or less, got {g:g} at "
@@ -790,6 +802,7 @@ def respaced(old: KnobSpace, new: KnobSpace, added: Mapping[str, float] | None =
         else _including(knob, added[knob.name], added[knob.name])
         for knob in new
     ]
+    # The box grows so that old θ keep their place; only what is searched is the new range.
     within = dict(zip(new.names, new.within, strict=True))
     return KnobSpace(knobs, new.constraints, within=within)
 
@@ -806,6 +819,7 @@ def carried(
     unknown = [name for name in new.names if name not in values]
     if unknown:
         raise KnobError(f"no value is known for the knobs {unknown}")
+    # By name: the knobs of the new space may be in another order.
     return new.check(np.array([float(values[name]) for name in new.names]))
 
 

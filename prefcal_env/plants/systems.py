@@ -86,6 +86,7 @@ class LinearSystem:
         """Return the transfer function at numbers s, for a discrete system at z = exp(s dt)."""
         point = np.asarray(np.exp(s * self.dt) if self.dt else s)
         resolvent = point[..., None, None] * np.eye(len(self.A)) - self.A
+        # One solve for all frequencies: an inverse would lose digits near a pole.
         B = np.broadcast_to(self.B.astype(complex), (*point.shape, *self.B.shape))
         return np.asarray(self.C @ np.linalg.solve(resolvent, B) + self.D)
 
@@ -95,6 +96,7 @@ class LinearSystem:
             return held(self.A, self.B, T)
         n, m, _ = self.sizes
         once = np.block([[self.A, self.B], [np.zeros((m, n)), np.eye(m)]])
+        # With the input as a state that stays, one power gives A_d and B_d.
         E = np.linalg.matrix_power(once, round(T / self.dt))
         return E[:n, :n], E[:n, n:]
 
@@ -102,6 +104,7 @@ class LinearSystem:
     def owned(self) -> Bool[np.ndarray, "n_x n_u"]:
         """Return which states each input drives, directly or through other states."""
         linked, reached = self.A != 0, self.B != 0
+        # As many rounds as states: no chain of states is longer.
         for _ in self.A:
             reached = reached | (linked.astype(int) @ reached > 0)
         return np.asarray(reached)
@@ -129,6 +132,7 @@ def held(
     from scipy.linalg import expm  # takes a while to import
 
     n, m = B.shape
+    # Exact also where A is singular, where A⁻¹ (A_d - 1) B is not defined.
     E = expm(np.block([[A, B], [np.zeros((m, n + m))]]) * T)
     return E[:n, :n], E[:n, n:]
 
@@ -463,6 +467,7 @@ class LinearPlant:
             raise PlantError(f"a plant needs an input and an output, got D of shape {(n_y, n_all)}")
         shared, entries = _shared(delay, n_y, n_all - n_d)
         before = len(made.A)
+        # A dead time of one entry delays only what this input does: so its states must be its own.
         made = made.separated() if entries.any() else made
         n_x, names = len(made.A), made.inputs or None
         self.system, self.name, self.time_unit = made, name, time_unit
@@ -505,6 +510,7 @@ class LinearPlant:
         n_u, C, D = len(self.inputs), self.system.C, self.system.D
         found = np.zeros((len(self.outputs), n_u + 1))
         found[:, :n_u] = C @ (x[:, None] * self._owned) + D[:, :n_u] * u
+        # What is left: the states that no input drives, and the disturbances.
         found[:, n_u] = self.g(x, u, d) - found[:, :n_u].sum(axis=1)
         return found
 
@@ -571,6 +577,7 @@ class LinearPlant:
         from scipy.linalg import logm
 
         n_x, n_u, _ = self.system.sizes
+        # The logarithm of such a pole is complex or infinite: no real ẋ has these samples.
         values = np.linalg.eigvals(self.system.A)
         if n_x and np.any((np.abs(values.imag) < 1e-12) & (values.real < 1e-12)):
             raise PlantError(
@@ -632,6 +639,7 @@ def _shared(delay: Any, n_y: int, n_u: int) -> tuple[Any, Float[np.ndarray, "row
             f"each of {n_u} inputs, got shape {np.shape(delay)}"
         )
     matrix = plant_numbers("delay", np.ravel(delay), n_y * n_u).reshape(n_y, n_u)
+    # What is common to all outputs can be at the input, where it costs no copy of the states.
     shared = matrix.min(axis=0)
     return shared, (matrix - shared if (matrix > shared).any() else none)
 
