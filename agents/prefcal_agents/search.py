@@ -59,8 +59,6 @@ _BLOCKS = (300, 1_000, 4_000, 16_000)  # numbers of random points to check, bloc
 _LEADERS = 20  # points to search from if no random point is allowed
 _AROUND = 30  # points to try around each of them at each step size
 _STEPS = np.geomspace(0.3, 1e-5, 40)  # in units of the cube
-_HALVINGS = 14  # bisections on the way to an allowed point
-_ROUNDS = 3  # rounds of hit and run
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +91,7 @@ class Region:
                 return np.asarray(found[:count])
         if not len(found):
             found = self._search(rng)
-        for _ in range(_ROUNDS):
+        for _ in range(3):
             # Points beside points: after a few rounds little of where the search happened to arrive is left.
             found = np.vstack([found, self._beside(found, count, rng)])
         return found[-count:]
@@ -171,7 +169,7 @@ class Region:
         """Return the last allowed point on each line from `start`, which is allowed, to `end`."""
         allowed, refused = np.zeros((len(start), 1)), np.ones((len(start), 1))
         allowed[self.allows(end)] = 1.0
-        for _ in range(_HALVINGS):
+        for _ in range(14):  # to 1/16,000 of the way, finer than the step of most knobs
             middle = (allowed + refused) / 2
             good = self.allows(start + middle * (end - start))[:, None]
             # Only `allowed` is returned, so the point is on the safe side of the edge, however few
@@ -193,9 +191,6 @@ def random_points(space: KnobSpace, count: int, rng: np.random.Generator) -> Flo
 
 # --- Step away from the best so far, as an evolution strategy with one parent does.
 
-_FIRST, _WIDEST = 0.2, 0.5  # standard deviation of a step at the start, and the largest one, in the unit cube
-_GROWTH, _DECAY = 1.5, 0.9  # factors of the step after a success and after a failure
-
 
 def step_length(history: History, n_init: int) -> float:
     """Return the standard deviation of the next step, in the unit cube, above 0 and at most 0.5.
@@ -210,12 +205,11 @@ def step_length(history: History, n_init: int) -> float:
         n_init: Number of samples of the start, which are no steps.
     """
     b = Preferences.of(history).b[n_init - 1 :]
-    return float(min(_FIRST * _GROWTH ** np.sum(b == -1) * _DECAY ** np.sum(b == 1), _WIDEST))
+    # 1.5 · 0.9⁴ is 0.98: with one success in five, the length stays about as it is.
+    return float(min(0.2 * 1.5 ** np.sum(b == -1) * 0.9 ** np.sum(b == 1), 0.5))
 
 
 # --- Create the initial design: a Latin hypercube.
-
-_POOL, _POOL_SHARE = 200, 20  # allowed points to choose from: at least, and for each one chosen
 
 
 def latin_hypercube(space: KnobSpace, count: int, seed: int) -> Float[np.ndarray, "N n"]:
@@ -238,7 +232,8 @@ def _moved_inside(points: Float[np.ndarray, "N n"], space: KnobSpace, seed: int)
     region = Region(space)
     refused = np.flatnonzero(~region.allows(points))
     if len(refused):
-        pool = region.draw(max(_POOL, _POOL_SHARE * len(refused)), np.random.default_rng([seed, 0, 1]))
+        # Twenty for each one chosen, and 200 at least, so that the farthest of them is far.
+        pool = region.draw(max(200, 20 * len(refused)), np.random.default_rng([seed, 0, 1]))
         nearest = cdist(pool, np.delete(points, refused, axis=0), "sqeuclidean").min(axis=1, initial=np.inf)
         for index in refused:
             farthest = int(np.argmax(nearest))
@@ -254,10 +249,7 @@ def _moved_inside(points: Float[np.ndarray, "N n"], space: KnobSpace, seed: int)
 # θ is new.
 
 _SCALES = (1e-4, 0.3)  # smallest and largest step around the incumbent, in units of the cube
-_APART = 0.1  # minimum distance between two starts of a descent, in the cube
 _DRAWS = 200  # random points to check before an integer space is searched completely
-_ANCHORS = 20  # random allowed points to search from if no sample is one
-_SAME = 0.4  # steps; points that are closer in every knob to a θ that ran round to that θ
 
 
 @runtime_checkable
@@ -334,7 +326,7 @@ def multistart(
     Deviation: L-BFGS-B with analytic gradients from sampled starts instead of the paper's particle
     swarm, also in `GLISp.paper`. Measured in docs/deviations.md.
     """
-    points = _sampled(domain, rng, draws)
+    points = _sample(domain, rng, draws)
     values = objective(points)
     order = np.argsort(values, kind="stable")
     points, values = points[order], values[order]
@@ -346,7 +338,7 @@ def multistart(
     return np.asarray(everything[np.argsort(values, kind="stable")])
 
 
-def _sampled(domain: Domain, rng: np.random.Generator, draws: int) -> Float[np.ndarray, "m n"]:
+def _sample(domain: Domain, rng: np.random.Generator, draws: int) -> Float[np.ndarray, "m n"]:
     n, near = len(domain.start), draws // 3
     # Log-uniform: late steps are far shorter than early ones, and the search does not know which it needs.
     steps = np.exp(rng.uniform(np.log(_SCALES[0]), np.log(_SCALES[1]), size=(near, 1)))
@@ -361,7 +353,7 @@ def _apart(points: Float[np.ndarray, "m n"], count: int) -> list[int]:
     chosen = [0]
     nearest = np.sum((points - points[0]) ** 2, axis=1)
     while len(chosen) < count:
-        far = np.flatnonzero(nearest > _APART**2)
+        far = np.flatnonzero(nearest > 0.1**2)  # nearer starts would likely descend to one minimum
         if not len(far):
             break
         chosen.append(int(far[0]))
@@ -427,7 +419,8 @@ class Tried:
             if knob.resolution == 0:
                 return np.zeros(len(points), dtype=np.bool_)
             there, here = knob.steps(self._thetas[:, k]), knob.steps(thetas[:, k])
-            close &= np.abs(here[:, None] - there) < _SAME
+            # Half a step rounds to the θ that ran; 0.4, so that no rounding can put one on the other side.
+            close &= np.abs(here[:, None] - there) < 0.4
         return np.asarray(close.any(axis=1))
 
     def fresh(self, z: Float[np.ndarray, " n"], rng: np.random.Generator) -> Float[np.ndarray, " n"]:
@@ -465,7 +458,7 @@ def _anchors(space: KnobSpace, history: History) -> Float[np.ndarray, "a n"]:
     inside = tried[np.all((tried >= lower) & (tried <= upper), axis=1)]
     if len(inside):
         return np.asarray(inside)
-    return random_points(space, _ANCHORS, np.random.default_rng(history.answered))
+    return random_points(space, 20, np.random.default_rng(history.answered))
 
 
 # --- Score candidates: low values of the surrogate are good, and so is distance from all samples.
@@ -567,9 +560,6 @@ _RBF = RADIAL_FUNCTIONS["inverse_quadratic"]
 _LENGTHS = (0.1, 0.2, 0.4, 0.8)  # candidate length scales of a mark, per knob
 _JUDGED = 100  # number of latest samples that choose the length scale, for speed
 _VARIANCE = 25.0  # variance of the log odds: after one mark, its label has about 90 %
-_NEWTON_STEPS = 30  # maximum steps of Newton's method, which takes about 7
-_RECENT = 20  # number of latest samples whose unsafe marks raise the required safety
-_RELAXED = 0.5  # share of the risk that is still accepted after each of them
 POOL = 300  # random points to choose from when replacing a planned point that is likely unsafe
 
 
@@ -648,7 +638,7 @@ def _mode(
     """
     kernel, sign = _VARIANCE * phi, np.where(labels, 1.0, -1.0)
     f, a = np.zeros(len(labels)), np.zeros(len(labels))
-    for _ in range(_NEWTON_STEPS):
+    for _ in range(30):  # about 7 are needed
         p = _logistic(offset + f)
         w = p * (1 - p)
         # Algorithm 3.1 factors 1 + W½ K W½, whose eigenvalues are 1 or more, however close samples are.
@@ -722,8 +712,9 @@ def unsafe_penalty(history: History, weight: float, least_safe: float) -> Penalt
     if not weight or not history.unsafe():
         return None
     marks = Marks.of(history)
-    recent = np.count_nonzero(marks.unsafe[-_RECENT:])
-    least = 1 - (1 - least_safe) * _RELAXED**recent
+    # Of the latest 20 samples: caution rises for a while, and ends again.
+    recent = np.count_nonzero(marks.unsafe[-20:])
+    least = 1 - (1 - least_safe) * 0.5**recent
     return Penalty(SafetyModel.of(marks.samples, ~marks.unsafe), least, weight)
 
 

@@ -24,7 +24,6 @@ from .lessons import Preferences
 
 Array = Float[np.ndarray, "..."]
 _TINY = 1e-300  # keeps log(u) finite at a center
-_WIDEST = 16.0  # largest ratio between the scales of two knobs
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +81,7 @@ class Shape:
         scales[knob] *= factor
         # With a geometric mean of 1: otherwise the factor would also change ε for all other knobs.
         scales /= np.exp(np.mean(np.log(scales)))
-        if scales.max() > _WIDEST * scales.min():
+        if scales.max() > 16.0 * scales.min():  # beyond this a knob would hardly count at all
             return None
         return replace(self, scales=tuple(map(float, scales)))
 
@@ -142,10 +141,7 @@ class Surrogate:
 # of σ the margin is 1 and λ becomes λσ. The solution stays the same, without numbers near 1e-6.
 
 _SHORTEST = 1e-12  # a shorter row (two samples that φ cannot tell apart) counts as this long
-_FAR = 0.3  # root mean square distance per knob from which on the margin is σ in full
-_NEAR = 1e-9  # closer samples count as this share of it: a margin stays above 0
 _NOBODY = -1  # owner of a row that holds for any answer
-_RIDGE = 1e-11  # on a Gram matrix of unit rows: below any accuracy asked for, above rounding
 _SOLVERS = local()  # one solver for each thread, since agents may compute at the same time
 
 
@@ -233,8 +229,8 @@ def margins(preferences: Preferences, power: float) -> Float[np.ndarray, " M"]:
     if power == 0:
         return np.ones(len(preferences))
     apart = preferences.samples[preferences.first] - preferences.samples[preferences.second]
-    share = np.sqrt(np.mean(apart**2, axis=1)) / _FAR
-    return np.asarray(np.clip(share, _NEAR, 1.0) ** power)
+    share = np.sqrt(np.mean(apart**2, axis=1)) / 0.3
+    return np.asarray(np.clip(share, 1e-9, 1.0) ** power)  # above 0: a preference is no tie
 
 
 def fit(constraints: Constraints, learning: Learning) -> Float[np.ndarray, " N"]:
@@ -289,7 +285,8 @@ def _dual(
     gram = unit @ unit.T
     scale = 1 / float(length.min(initial=np.inf))
     symmetric = 0.5 * (gram + gram.T)
-    symmetric.flat[:: len(gram) + 1] += _RIDGE
+    # A ridge on the Gram matrix of unit rows: below any accuracy asked for, above rounding.
+    symmetric.flat[:: len(gram) + 1] += 1e-11
     q, upper = -system.margins / (length * scale), ceiling * length / scale
 
     def beta(z: Float[np.ndarray, " R"] | None) -> Float[np.ndarray, " N"]:
@@ -397,13 +394,7 @@ def rescale_knob(
 SHORTEST, LONGEST = 0.03, 10.0
 """Bounds of a length, in units of the cube."""
 _ROOT5 = np.sqrt(5.0)
-_PER_ROOT, _SPREAD = 0.35, 1.0  # prior of a length: median / √n, deviation of its logarithm
-_NUGGET = 1e-9  # variance added for the Cholesky factor; that of the process is 1
-_FEWER_STEPS = 10  # maximum number of steps of the fit of the lengths
-_RECENT = 100  # number of samples, compared last, that it is trained on, for speed
-_SWEEPS = 40  # maximum; 20 to 30 are enough unless answers that are surely right contradict
 _DAMPING = 0.7  # share of each step to take, for all sites at once
-_SETTLED = 1e-2  # converged when no site's precision changes relatively by more than this
 _SHORT_ROW = 1e-12  # a shorter row counts as this long
 _LEAST, _LARGEST = 1e-8, 1e8  # bounds of a site's precision
 _FLAT = 1e-6  # precision of a site without information
@@ -494,11 +485,11 @@ class ExpectationPropagation:
         answered = constraints.owner[strict] >= 0
         e = np.where(answered, error_rate, _SURE)
         sites = Sites.flat(len(unit)) if start is None else start
-        for _ in range(_SWEEPS):
+        for _ in range(40):  # 20 to 30 are enough unless answers that are surely right contradict
             matched = _Rest.of(unit, sites).matched(e)
             change = np.abs(matched.precision - sites.precision) / (1 + sites.precision)
             sites = sites.toward(matched)
-            if change.max(initial=0.0) < _SETTLED:
+            if change.max(initial=0.0) < 1e-2:
                 break
         rest = _Rest.of(unit, sites)
         mean, _ = dtrtrs(rest.root, rest.half, lower=1, trans=1)
@@ -607,7 +598,7 @@ class PreferenceGP:
 
         Each answer is wrong with probability `error_rate`.
         """
-        known = _Known.of(preferences, max(error_rate, _SURE))
+        known = _StrictAnswers.of(preferences, max(error_rate, _SURE))
         lengths, start = known.likeliest()
         factor = known.factor(lengths)[0]
         posterior = known.posterior(factor, start)
@@ -642,13 +633,13 @@ def predicted(preferences: Preferences, error_rate: float) -> float:
     Returns:
         The sum of the logarithms of their probabilities.
     """
-    known = _Known.of(preferences, error_rate)
+    known = _StrictAnswers.of(preferences, error_rate)
     lengths, start = known.likeliest()
     return float(known.posterior(known.factor(lengths)[0], start).predicted)
 
 
 @dataclass(frozen=True, slots=True)
-class _Known:
+class _StrictAnswers:
     """R strict comparisons of N samples, each wrong with probability `error_rate`.
 
     Each row has a 1 at the losing sample and a -1 at the winning one.
@@ -660,13 +651,13 @@ class _Known:
     error_rate: float
 
     @classmethod
-    def of(cls, preferences: Preferences, error_rate: float) -> "_Known":
+    def of(cls, preferences: Preferences, error_rate: float) -> "_StrictAnswers":
         """Return the comparisons of the last samples, without ties."""
         strict = np.flatnonzero(preferences.b)
         first, second = preferences.first[strict], preferences.second[strict]
         # Reversed, so that the first place of a sample is that of its latest comparison.
         samples, at = np.unique(np.stack([first, second], 1).ravel()[::-1], return_index=True)
-        recent = np.sort(samples[np.argsort(at)[:_RECENT]])
+        recent = np.sort(samples[np.argsort(at)[:100]])  # the fit takes the cube of their number
         kept = strict[np.isin(first, recent) & np.isin(second, recent)]
         # What is learned are the values themselves, not weights of φ: each sample is its own feature.
         one_each = np.eye(len(preferences.samples))[:, recent]
@@ -684,7 +675,8 @@ class _Known:
         """Return the Cholesky factor of the kernel, the scaled squares and the kernel's slope."""
         u = self.apart / lengths[:, None, None] ** 2
         kernel, slope = matern(u)
-        return np.linalg.cholesky(kernel + _NUGGET * np.eye(len(kernel))), u, slope
+        # The process has variance 1: 1e-9 more lets close samples be factored, and changes nothing else.
+        return np.linalg.cholesky(kernel + 1e-9 * np.eye(len(kernel))), u, slope
 
     def posterior(self, factor: Float[np.ndarray, "N N"], start: Sites | None) -> ExpectationPropagation:
         """Return the posterior of β, where the values at the samples are factor · β."""
@@ -696,7 +688,7 @@ class _Known:
         from scipy.optimize import minimize
 
         n = len(self.apart)
-        expected, sites = np.log(_PER_ROOT * np.sqrt(n)), None
+        expected, sites = np.log(0.35 * np.sqrt(n)), None
 
         def loss(logs: Float[np.ndarray, " n"]) -> tuple[float, Float[np.ndarray, " n"]]:
             nonlocal sites  # each fit starts from the last sites
@@ -704,11 +696,11 @@ class _Known:
             posterior = self.posterior(factor, sites)
             sites = posterior.sites
             # Without the prior, few answers would make a length infinite: one that does not matter yet.
-            beyond = (logs - expected) / _SPREAD
+            beyond = logs - expected  # in standard deviations of the prior, which is 1
             # ∂K/∂log ℓ_j = -slope u_j.
             gradient = 0.5 * np.einsum("mN,jmN->j", self._pull(factor, posterior) * slope, u)
             value = -posterior.evidence + 0.5 * beyond @ beyond
-            return float(value), gradient + beyond / _SPREAD
+            return float(value), gradient + beyond
 
         found = minimize(
             loss,
@@ -716,7 +708,7 @@ class _Known:
             jac=True,
             method="L-BFGS-B",
             bounds=[(np.log(SHORTEST), np.log(LONGEST))] * n,
-            options={"maxiter": _FEWER_STEPS},
+            options={"maxiter": 10},
         )
         return np.asarray(np.exp(found.x)), sites
 
