@@ -149,8 +149,10 @@ def minimize_by_preference(
     study = make(space, n_init=n_init, n_max=n_max, seed=seed, **options)
     answer = partial(_answer, prefer, None if twin is None else study)
     steps = list(ask_and_tell(study, run or np.copy, answer, at_once=at_once, executor=executor))
+    # Each experiment once: follow-up questions are about some that are in the list already.
     samples = [step.query.challenger.theta for step in steps if not step.query.further]
     answers = tuple(step.answer for step in steps if step.answer is not None)
+    # Any agent may be given, and what it calls its bank need not be one.
     bank = getattr(study, "bank", None)
     simulated = bank if isinstance(bank, Bank) else None
     knobs = tuple(f"{k.name} [{k.unit}]" if k.unit not in ("", "-") else k.name for k in space)
@@ -170,6 +172,7 @@ def _maker(agent: AgentFactory | None, *, simulates: bool) -> AgentFactory:
         return Screening if simulates else GLISp
     if simulates:
         takes = signature(agent).parameters
+        # Here, since a TypeError from the constructor would not say that `simulate` is the reason.
         anything = any(p.kind is Parameter.VAR_KEYWORD for p in takes.values())
         if not anything and not {"simulate", "n_simulated"} <= set(takes):
             name = getattr(agent, "__name__", repr(agent))
@@ -188,6 +191,7 @@ def _answer(prefer: Prefer, told: Agent | None, new: Any, old: Any) -> Answer | 
     answer = Answer.of(prefer(*copies))
     bank = getattr(told, "bank", None)
     known = set(bank.names) if isinstance(bank, Bank) else set()
+    # Without a common name the twin is never corrected, and nobody would notice.
     measured = {name for kpis in answer.outcomes or () for name in kpis or ()}
     if known and measured and not known & measured:
         raise SimulationError(
