@@ -26,7 +26,7 @@ def theta_keys(thetas: Float[np.ndarray, "m n"]) -> list[bytes]:
 
 # --- A knob: one tunable number, its resolution, and its place in the unit interval.
 
-Scale = Literal["linear", "log10"]
+KnobScale = Literal["linear", "log10"]
 
 _DECODED = 1e-12  # error of decoding a proposed value, as a share of the knob's range
 _SHARE = 100  # the default step is at most the range divided by this
@@ -66,7 +66,7 @@ class Knob:
     low: float
     high: float
     unit: str = ""
-    scale: Scale = "linear"
+    scale: KnobScale = "linear"
     integer: bool = False
     step: float | None = None
     about: str = field(default="", compare=False, kw_only=True)
@@ -258,8 +258,8 @@ def _problem(knob: Knob) -> str:
             f"low and high are too close, hardly a number lies between them, {box}: tune the "
             "distance from one of them instead"
         )
-    if knob.scale not in get_args(Scale):
-        return f"scale must be one of {get_args(Scale)}, got {knob.scale!r}"
+    if knob.scale not in get_args(KnobScale):
+        return f"scale must be one of {get_args(KnobScale)}, got {knob.scale!r}"
     if knob.scale == "log10" and (low <= 0 <= high or max(low / high, high / low) > 1e300):
         return f"a log10 scale needs low above 0, or high below 0, {box}"
     if knob.integer and (low != round(low) or high != round(high)):
@@ -536,7 +536,7 @@ class KnobSpace:
         for knob, zi in zip(self.knobs, z, strict=True):
             if not 0.0 <= zi <= 1.0:
                 raise KnobError(f"z of knob {knob.name!r} must be in [0, 1], got {zi}")
-        return np.asarray(self._decoded(z[None])[0])
+        return np.asarray(self._decode(z[None])[0])
 
     def encode(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Map a physical θ, shape (n,), to the unit cube.
@@ -569,7 +569,7 @@ class KnobSpace:
         They are the same to the last bit, since each value is computed by itself; those of
         `snap_all` and `decode_all` are not.
         """
-        thetas = self._decoded(z)
+        thetas = self._decode(z)
         rounded = thetas.copy()
         for k, (knob, part) in enumerate(zip(self.knobs, self.within, strict=True)):
             # By Python's functions for each value: numpy's differ in the last bit, and a θ must be one θ.
@@ -580,9 +580,9 @@ class KnobSpace:
             rounded[stay] = thetas[stay]
         columns = [list(map(k.encode, values)) for k, values in zip(self.knobs, rounded.T, strict=True)]
         snapped = np.array(columns).T.reshape(z.shape)
-        return snapped, self._decoded(snapped)
+        return snapped, self._decode(snapped)
 
-    def _decoded(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "m n"]:
+    def _decode(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "m n"]:
         """Return θ of many points of the cube, each value as `decode` computes it, shape (m, n)."""
         thetas = np.empty(z.shape)
         for k, (knob, part) in enumerate(zip(self.knobs, self.within, strict=True)):

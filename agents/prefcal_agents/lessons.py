@@ -204,7 +204,7 @@ def _part(history: History, lessons: Sequence[Comparison], kept: Int[np.ndarray,
     kpis, comparisons, follow_ups = kpis_of(history), [], []
     for index, k in number.items():
         if index in own:
-            comparisons.append(_renumbered(own[index], number))
+            comparisons.append(_renumber(own[index], number))
         else:
             known = (kpis[index], None) if kpis[index] else None
             comparisons.append(Comparison(k, None, Answer(None, outcomes=known)))
@@ -212,11 +212,11 @@ def _part(history: History, lessons: Sequence[Comparison], kept: Int[np.ndarray,
         if c.after is not None:
             # Follow-ups are numbered by the answers before them, of which some are left out now.
             after = int(np.searchsorted(kept, c.after))
-            follow_ups.append(replace(_renumbered(c, number), after=after))
+            follow_ups.append(replace(_renumber(c, number), after=after))
     return History(tuple(history.samples[index] for index in number), tuple(comparisons), tuple(follow_ups))
 
 
-def _renumbered(comparison: Comparison, number: dict[int, int]) -> Comparison:
+def _renumber(comparison: Comparison, number: dict[int, int]) -> Comparison:
     assert comparison.incumbent is not None  # it teaches
     first, second = number[comparison.challenger], number[comparison.incumbent]
     return replace(comparison, challenger=first, incumbent=second)
@@ -239,7 +239,7 @@ def judged(history: History) -> History:
     finite = [bool(kpis) and np.isfinite(list(kpis.values())).all() for kpis in known]
     whole = [i for i, each in enumerate(finite) if each and i not in partial]
     # Only runs before it: what is learned after an answer must not change with later runs.
-    filled = {i: _filled(z, known, [w for w in whole if w < i], i) for i in sorted(cut)}
+    filled = {i: _fill(z, known, [w for w in whole if w < i], i) for i in sorted(cut)}
 
     def taught(c: Comparison) -> Comparison:
         if c.challenger not in cut and c.incumbent not in cut:
@@ -257,7 +257,7 @@ def judged(history: History) -> History:
     )
 
 
-def _filled(
+def _fill(
     z: Float[np.ndarray, "N n"], known: tuple[Mapping[str, float], ...], whole: list[int], index: int
 ) -> Outcome:
     """Return the KPIs of sample `index`, whose run was cut short, as those of a whole run."""

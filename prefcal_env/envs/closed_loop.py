@@ -80,12 +80,12 @@ def rollout(
         raise ExperimentError(f"a rollout needs an environment with {missing}, got {loop!r}")
     # Through the wrappers, which may count or record episodes; the loop itself goes past them.
     env.reset(seed=seed, options={"T_s": _sampling_time(controller)})
-    steps = _driven(loop, controller, clock)
+    steps = _drive(loop, controller, clock)
     experiment = _experiment(loop.record(), theta, steps)
     return experiment if kpis is None else experiment.with_kpis(kpis)
 
 
-def _driven(
+def _drive(
     loop: ClosedLoopEnv, controller: Controller, clock: Callable[[], float]
 ) -> list[tuple[int, float, bool]]:
     """Drive `loop` to its end; return iterations, seconds and success of each step."""

@@ -406,7 +406,7 @@ class PlantEnv(gym.Env[Array, Array]):
         """
         if self._episode is None or self._end is not None:
             raise ProtocolError("no episode is running: call reset() first")
-        u = self._saturated(plant_vector(u, len(self._low), "input u", finite=False))
+        u = self._saturate(plant_vector(u, len(self._low), "input u", finite=False))
         y_ref, d = self.task.reference(self._t), self.task.disturbance(self._t)
         self._steps += 1
         # Nothing is drawn without jitter, so that its absence leaves the noise of a seed as it was.
@@ -514,7 +514,7 @@ class PlantEnv(gym.Env[Array, Array]):
             )
         return found
 
-    def _saturated(self, u: Array) -> Array:
+    def _saturate(self, u: Array) -> Array:
         low, high, move = self._low, self._high, self.task.max_move
         # The largest move is from the input that acted, not from the one that was asked for.
         if move is not None:

@@ -145,7 +145,7 @@ class Panel:
             if key and key not in experiment.signals:
                 raise ScenarioError(
                     f"panel {self.name!r}: no signal is called {key!r} to draw the {what}; "
-                    f"there are {_quoted(experiment.signals) or 'none'}"
+                    f"there are {_quote(experiment.signals) or 'none'}"
                 )
         return plot
 
@@ -235,7 +235,7 @@ def plot_called(
     there = {kind: [c.name for c in getattr(channels, kind)] for kind in ("x", "u", "y")}
     there["signal"] = list(signals)
     hint = did_you_mean(name, [each for names in there.values() for each in names])
-    listed = "; ".join(f"{KINDS[k]} {_quoted(names)}" for k, names in there.items() if names)
+    listed = "; ".join(f"{KINDS[k]} {_quote(names)}" for k, names in there.items() if names)
     where = f"of kind {kind!r} " if kind else ""
     raise ScenarioError(
         f"{what} {name!r}: no channel or signal {where}has this name; there are {listed or 'none'}.{hint}"
@@ -248,7 +248,7 @@ def output_called(name: str, channels: Channels, signals: Collection[str] = ()) 
     if name in names:
         return names.index(name)
     raise ScenarioError(
-        f"no output with a reference is called {name!r}; there are {_quoted(names) or 'none'}."
+        f"no output with a reference is called {name!r}; there are {_quote(names) or 'none'}."
         f"{did_you_mean(name, names)}"
     )
 
@@ -316,7 +316,7 @@ def _data(experiment: Experiment, plot: Plot) -> Float[np.ndarray, " K"] | None:
     return np.asarray(array[:, places[plot.nth]])
 
 
-def _quoted(names: Collection[str]) -> str:
+def _quote(names: Collection[str]) -> str:
     return ", ".join(repr(name) for name in names)
 
 

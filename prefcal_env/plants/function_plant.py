@@ -87,7 +87,7 @@ class FunctionPlant:
         self.x0 = None if x0 is None else plant_numbers("x0", x0, len(self.states))
         self.u0 = None if u0 is None else plant_numbers("u0", u0, len(self.inputs))
         # Once, here: to look for a world at every call would take longer than the equation.
-        self._f, self._g = self._adapted(f), self._adapted(g)
+        self._f, self._g = self._adapt(f), self._adapt(g)
         self._equations: Equations | None = None
         self._called_back: Equations | None = None
 
@@ -155,7 +155,7 @@ class FunctionPlant:
         point = np.concatenate([x, u])
         return derivative(lambda p: self._values(name, p[:n_x], p[n_x:], d), point)
 
-    def _adapted(self, equation: Any) -> Any:
+    def _adapt(self, equation: Any) -> Any:
         """Return a function of an optional world as an equation, and anything else unchanged."""
         world = None if isinstance(equation, ExactEquation) else world_of(equation)
         if world is None or not world.equations:

@@ -499,7 +499,7 @@ class Fit:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Stage:
+class _Shapes:
     """What is chosen after a number of experiments: φ by cross-validation, and for a fallible person.
 
     `tested` is `suited` at the latest noise test. `tests` return the evidence of the latest ones, the
@@ -524,7 +524,7 @@ class ModelSelection:
         self._settings, self._n_init, self._seed = settings, setup.n_init, setup.seed
         self._learning = Learning(margin_power=settings.margin_power)
         self._candidates: Sequence[float] = tuple(settings.epsilon * factor for factor in EPSILONS)
-        first = _Stage(Shape(settings.epsilon, alike, settings.rbf), Shape(1.0, alike, settings.rbf))
+        first = _Shapes(Shape(settings.epsilon, alike, settings.rbf), Shape(1.0, alike, settings.rbf))
         self._stages = Stages(lambda: first, self._following, whole=True)
         self._kpi_fits = kpi_fits(setup.seed) if settings.kpis else None
         self.dataset = Remembered(Dataset.of)
@@ -565,7 +565,7 @@ class ModelSelection:
         noisy = noise.suspects and contradictory(history.verdicts())
         return Selection(stage.shape, noise, noisy)
 
-    def _following(self, past: History, before: History, stage: _Stage) -> _Stage:
+    def _following(self, past: History, before: History, stage: _Shapes) -> _Shapes:
         """Return what is chosen after `past`, given that after one experiment less."""
         count, rate = past.answered, self._settings.error_rate
         validates = self._is_validated(count)
@@ -575,7 +575,7 @@ class ModelSelection:
         if not validates and (settled or not fallible):
             return stage
         data = self.dataset(past)
-        shape = self._validated(data, stage.shape) if validates else stage.shape
+        shape = self._validate(data, stage.shape) if validates else stage.shape
         if not fallible:
             return replace(stage, shape=shape)
         known, first = data.preferences, count == self._n_init
@@ -584,7 +584,7 @@ class ModelSelection:
             return replace(stage, shape=shape, suited=suited)
         test: Callable[[], float] = cache(partial(evidence_of_mistakes, known, suited, rate))
         tests = (test, *stage.tests[: WINDOW - 1])
-        return _Stage(shape, suited, suited if data.is_strict else None, tests)
+        return _Shapes(shape, suited, suited if data.is_strict else None, tests)
 
     def _is_validated(self, count: int) -> bool:
         """Return whether the shape is chosen again after `count` experiments.
@@ -601,7 +601,7 @@ class ModelSelection:
             return count <= MOST and count % SELDOM == _SHAPE_AT
         return not (self._settings.process and is_process_turn(count, self._n_init))
 
-    def _validated(self, data: Dataset, shape: Shape) -> Shape:
+    def _validate(self, data: Dataset, shape: Shape) -> Shape:
         """Return the better shape that cross-validation finds next to `shape`."""
         comparisons, count = len(data.preferences), data.history.answered
         if comparisons < FOLDS:

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import msgspec
 
 from prefcal_env.errors import ScenarioError, SettingsError, StudyError
-from prefcal_env.knobs import Knob, Scale
+from prefcal_env.knobs import Knob, KnobScale
 from prefcal_env.optional import WORLDS, World
 from prefcal_env.plain import Keys, entries
 from prefcal_env.wording import did_you_mean
@@ -60,7 +60,7 @@ def ranged_knob(name: str, text: str, about: str = "") -> Knob:
             f"knob {name!r}: after LOW:HIGH comes :log for a logarithmic scale or :int for whole "
             f"numbers, for example {KNOB_EXAMPLE}, got :{unknown[0]} in {text.strip()!r}"
         )
-    scale: Scale = "log10" if "log" in flags else "linear"
+    scale: KnobScale = "log10" if "log" in flags else "linear"
     unit = (bracketed if bracketed is not None else bare or "").strip()
     numbers = _number(name, low, text), _number(name, high, text)
     return Knob(name, *numbers, unit, scale=scale, integer="int" in flags, about=about)

@@ -72,7 +72,7 @@ def pid_scenario(
     plant = plant_of(plant, horizon)
     found = design(plant, _tuned, reference, horizon)
     made = [knob for k in range(len(found.loops)) for knob in _knobs(plant, found, k, knobs)]
-    space, factors = space_of(made, [_signed(plant, found, knob) for knob in knobs], "PID")
+    space, factors = space_of(made, [_sign_range(plant, found, knob) for knob in knobs], "PID")
     # The rules that apply to every loop.
     named = [n for n in found.loops[0].tunings if all(n in loop.tunings for loop in found.loops)]
     tunings = {name: [loop.tunings[name] for loop in found.loops] for name in named}
@@ -258,7 +258,7 @@ def _sign(loop: Single) -> float:
     return float(np.sign(loop.tunings["robust"].K_p))
 
 
-def _signed(plant: Plant, found: Design, knob: Knob) -> Knob:
+def _sign_range(plant: Plant, found: Design, knob: Knob) -> Knob:
     """Return a knob that someone gave; a range of K_p gets the sign of the controller.
 
     Raises:
