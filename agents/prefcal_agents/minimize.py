@@ -149,10 +149,8 @@ def minimize_by_preference(
     study = make(space, n_init=n_init, n_max=n_max, seed=seed, **options)
     answer = partial(_answer, prefer, None if twin is None else study)
     steps = list(ask_and_tell(study, run or np.copy, answer, at_once=at_once, executor=executor))
-    # Each experiment once: follow-up questions are about some that are in the list already.
     samples = [step.query.challenger.theta for step in steps if not step.query.further]
     answers = tuple(step.answer for step in steps if step.answer is not None)
-    # Any agent may be given, and what it calls its bank need not be one.
     bank = getattr(study, "bank", None)
     simulated = bank if isinstance(bank, Bank) else None
     knobs = tuple(f"{k.name} [{k.unit}]" if k.unit not in ("", "-") else k.name for k in space)
