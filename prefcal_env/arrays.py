@@ -12,6 +12,7 @@ from .errors import PlantError, PrefcalError, SettingsError
 
 def is_integer(value: object, low: float = -np.inf) -> bool:
     """Return whether `value` is an integer of Python or numpy, `low` or more; booleans are none."""
+    # True is an int for Python, and a setting that is True where 1 is meant is a mistake.
     return isinstance(value, int | np.integer) and not isinstance(value, bool) and int(value) >= low
 
 
@@ -50,6 +51,7 @@ def numbers(
     """
     try:
         array = np.asarray(value)
+        # i, u and f: integers with and without sign, and floats.
         plain = array.dtype.kind in "iuf" and not isinstance(value, np.ma.MaskedArray)
     except (TypeError, ValueError, RuntimeError):
         plain = False
@@ -100,11 +102,13 @@ def weights(
         SettingsError: If it is something else.
     """
     array = numbers(value, name)
+    # Without an expected size a vector may as well be a mistake.
     Q = np.diag(array) if array.ndim == 1 and n is not None else array
     shape = (n, n) if n is not None else (len(np.atleast_1d(Q)),) * 2
     if Q.shape != shape or not np.isfinite(Q).all():
         size = "" if n is None else f", shape ({n}, {n})"
         raise SettingsError(f"{name} must be a finite square matrix{size}, got {value!r:.80}")
+    # A matrix of zeros is allowed, and has no scale to divide by.
     scale = max(float(np.abs(Q).max(initial=0.0)), 1e-300)
     if np.abs(Q - Q.T).max(initial=0.0) > 1e-12 * scale:
         raise SettingsError(f"{name} must be symmetric, got {Q.tolist()}")
@@ -112,6 +116,7 @@ def weights(
     if smallest < -1e-12 * scale or (definite and smallest <= 0):
         kind = "definite" if definite else "semidefinite"
         raise SettingsError(f"{name} must be positive {kind}, its smallest eigenvalue is {smallest:.3g}")
+    # Compiled functions take contiguous arrays only: any other is a type to compile for.
     return np.ascontiguousarray(Q)
 
 

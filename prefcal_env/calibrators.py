@@ -47,6 +47,7 @@ class HumanCalibrator:
         swapped = self._rng is not None and self._rng.random() < 0.5
         said = self.ask(incumbent, challenger) if swapped else self.ask(challenger, incumbent)
         answer = _turned(Answer.of(said)) if swapped else Answer.of(said)
+        # Of the kind that was returned: who gives a number does not expect an `Answer`.
         return answer if isinstance(said, Answer) else answer.preference
 
 
@@ -91,6 +92,7 @@ class Thurstone:
 
     def draw(self, generator: np.random.Generator) -> float:
         """Return one error of a difference of costs, in the unit of the cost."""
+        # Both costs have an error of their own: variances add up.
         return float(np.sqrt(2) * self.sigma * generator.standard_normal())
 
 
@@ -160,6 +162,7 @@ class LatentCost:
         """Return which one is better, as in eq. pref_fun."""
         a, b = self._cost(challenger), self._cost(incumbent)
         difference = 0.0 if a == b else a - b  # two infinite costs are equal
+        # An error has no effect on an infinite difference, and may turn round any other.
         if self.noise is not None:
             difference += self._error(challenger.theta, incumbent.theta)
         if abs(difference) <= self.tie_band:
@@ -182,6 +185,8 @@ class LatentCost:
         if np.array_equal(a, b):
             return 0.0
         error = self.noise.draw(generator_of_pair(self.seed, a, b))
+        # One draw for both orders, with the sign of the order: asked the other way round, the error turns,
+        # too.
         return error if tuple(a) < tuple(b) else -error
 
 
@@ -214,6 +219,7 @@ class Criterion:
         a, b = (float(self.key(e)) for e in (challenger, incumbent))
         if np.isnan(a) or np.isnan(b):
             raise SettingsError(f"criterion {self.name!r} must be a number, got NaN")
+        # a == b, too: infinite minus infinite is NaN, which is not below anything.
         if a == b or abs(a - b) <= self.just_noticeable:
             return Preference.TIE
         return Preference.CHALLENGER if (a < b) == self.lower_is_better else Preference.INCUMBENT
@@ -267,6 +273,7 @@ class Lexicographic:
 def _survival(experiment: Experiment) -> float:
     """Return the time it survived; of several runs, that of the first one to be stopped."""
     runs = experiment.runs or (experiment,)
+    # Completed runs all count the same, however long they took to settle.
     return min(e.duration if e.end.interrupted else np.inf for e in runs)
 
 

@@ -26,7 +26,7 @@ def theta_keys(thetas: Float[np.ndarray, "m n"]) -> list[bytes]:
 
 # --- A knob: one tunable number, its resolution, and its place in the unit interval.
 
-Scale = Literal["linear", "log10"]
+KnobScale = Literal["linear", "log10"]
 
 _DECODED = 1e-12  # error of decoding a proposed value, as a share of the knob's range
 _SHARE = 100  # the default step is at most the range divided by this
@@ -66,7 +66,7 @@ class Knob:
     low: float
     high: float
     unit: str = ""
-    scale: Scale = "linear"
+    scale: KnobScale = "linear"
     integer: bool = False
     step: float | None = None
     about: str = field(default="", compare=False, kw_only=True)
@@ -98,12 +98,15 @@ class Knob:
         if step == 0:
             return value
         if self.scale == "log10" and not self.integer:
+            # log1p, since 1 + step has few digits of a small step left.
             count = floor(log(value / self.low) / log1p(step) + 0.5)
             digits = max(2, 2 - floor(log10(step)))  # those that separate neighbors, plus two
             near = float(f"{self.low * (1 + step) ** count:.{digits}g}")
         else:
+            # 3 · 0.1 is 0.30000000000000004: cut, it is the number that a person would type.
             near = float(f"{floor(value / step + 0.5) * step:.{_DIGITS}g}")
         near = min(max(near, self.low), self.high)
+        # The ends are values, too, though they need not be multiples of the step.
         return min((near, self.low, self.high), key=lambda end: abs(end - value))
 
     def round_within(self, value: float, part: tuple[float, float]) -> float:
@@ -160,9 +163,11 @@ class Knob:
         """Return the physical value, in `unit`, at `z` in [0, 1]; integers round half up."""
         if self.scale == "log10":
             low, high = np.log10(abs(self.low)), np.log10(abs(self.high))
+            # Not low + z (high - low), which can miss the upper end by rounding.
             value = self._sign * 10.0 ** (low * (1 - z) + high * z)
         else:
             value = self.low * (1 - z) + self.high * z
+        # Half up, as people do; `round` would take 2.5 and 3.5 to 2 and 4.
         if self.integer:
             value = np.floor(value + 0.5)
         value = float(min(max(value, self.low), self.high))
@@ -228,7 +233,9 @@ def default_step(low: float, high: float, scale: str) -> float:
     if most <= _FINEST * size:
         return 0.0  # the range holds hardly more floats than that
     power = 10.0 ** floor(log10(most))
+    # A hundredth of the range may be just below a round number by rounding.
     lead = next(lead for lead in (5.0, 2.0, 1.0) if lead * power <= most * (1 + 1e-9))
+    # A power of ten below 1 is no double: this is the one that people write.
     return float(f"{lead * power:.1g}")
 
 
@@ -251,8 +258,8 @@ def _problem(knob: Knob) -> str:
             f"low and high are too close, hardly a number lies between them, {box}: tune the "
             "distance from one of them instead"
         )
-    if knob.scale not in get_args(Scale):
-        return f"scale must be one of {get_args(Scale)}, got {knob.scale!r}"
+    if knob.scale not in get_args(KnobScale):
+        return f"scale must be one of {get_args(KnobScale)}, got {knob.scale!r}"
     if knob.scale == "log10" and (low <= 0 <= high or max(low / high, high / low) > 1e300):
         return f"a log10 scale needs low above 0, or high below 0, {box}"
     if knob.integer and (low != round(low) or high != round(high)):
@@ -385,6 +392,7 @@ class LinearConstraint:
     def __call__(self, values: Mapping[str, Float[np.ndarray, " m"]]) -> Float[np.ndarray, " m"]:
         """Return left side minus bound at m θ, given as one array (m,) for each knob; (m,)."""
         terms = np.array([c * values[knob] for knob, c in self.coefficients])
+        # Rounding grows with the largest term, not with the difference, which may be 0.
         largest = np.maximum(np.max(np.abs(terms), axis=0), abs(self.at_most))
         return np.asarray(np.sum(terms, axis=0) - self.at_most - _TERM_ROUNDING * largest)
 
@@ -528,7 +536,7 @@ class KnobSpace:
         for knob, zi in zip(self.knobs, z, strict=True):
             if not 0.0 <= zi <= 1.0:
                 raise KnobError(f"z of knob {knob.name!r} must be in [0, 1], got {zi}")
-        return np.asarray(self._decoded(z[None])[0])
+        return np.asarray(self._decode(z[None])[0])
 
     def encode(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Map a physical θ, shape (n,), to the unit cube.
@@ -548,6 +556,7 @@ class KnobSpace:
         theta = self.decode(z)
         parts = zip(self.knobs, theta, self.within, strict=True)
         rounded = np.array([knob.round_within(value, part) for knob, value, part in parts])
+        # At the edge of the region rounding may lead outside: better a long number than a forbidden one.
         if self.constraints and not self.allows(rounded) and self.allows(theta):
             rounded = theta
         return self.encode(rounded)
@@ -560,9 +569,10 @@ class KnobSpace:
         They are the same to the last bit, since each value is computed by itself; those of
         `snap_all` and `decode_all` are not.
         """
-        thetas = self._decoded(z)
+        thetas = self._decode(z)
         rounded = thetas.copy()
         for k, (knob, part) in enumerate(zip(self.knobs, self.within, strict=True)):
+            # By Python's functions for each value: numpy's differ in the last bit, and a θ must be one θ.
             near = np.clip(list(map(knob.round, thetas[:, k])), *part)
             rounded[:, k] = np.where(np.isin(thetas[:, k], part), thetas[:, k], near)
         if self.constraints:
@@ -570,9 +580,9 @@ class KnobSpace:
             rounded[stay] = thetas[stay]
         columns = [list(map(k.encode, values)) for k, values in zip(self.knobs, rounded.T, strict=True)]
         snapped = np.array(columns).T.reshape(z.shape)
-        return snapped, self._decoded(snapped)
+        return snapped, self._decode(snapped)
 
-    def _decoded(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "m n"]:
+    def _decode(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "m n"]:
         """Return θ of many points of the cube, each value as `decode` computes it, shape (m, n)."""
         thetas = np.empty(z.shape)
         for k, (knob, part) in enumerate(zip(self.knobs, self.within, strict=True)):
@@ -596,6 +606,7 @@ class KnobSpace:
         for k, knob in enumerate(self.knobs):
             if knob.resolution == 0 or (only_integers and not knob.integer):
                 continue
+            # For searches, where the last bit does not matter: what is proposed goes through `snap`.
             column = knob.encode_all(knob.round_all(knob.decode_all(snapped[:, k])))
             snapped[:, k] = np.clip(column, lower[k], upper[k])
         return snapped
@@ -696,6 +707,7 @@ class KnobSpace:
         """
         theta = self.check(theta)
         for constraint, g in zip(self.constraints, self.excess(theta[None])[0], strict=True):
+            # So written, NaN is forbidden.
             if not g <= 0:
                 raise KnobError(
                     f"constraint {constraint.name!r} must be 0 or less, got {g:g} at "
@@ -790,6 +802,7 @@ def respaced(old: KnobSpace, new: KnobSpace, added: Mapping[str, float] | None =
         else _including(knob, added[knob.name], added[knob.name])
         for knob in new
     ]
+    # The box grows so that old θ keep their place; only what is searched is the new range.
     within = dict(zip(new.names, new.within, strict=True))
     return KnobSpace(knobs, new.constraints, within=within)
 
@@ -806,6 +819,7 @@ def carried(
     unknown = [name for name in new.names if name not in values]
     if unknown:
         raise KnobError(f"no value is known for the knobs {unknown}")
+    # By name: the knobs of the new space may be in another order.
     return new.check(np.array([float(values[name]) for name in new.names]))
 
 

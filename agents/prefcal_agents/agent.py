@@ -129,6 +129,7 @@ class Setup(Generic[SettingsT]):
         if not isinstance(self.space, KnobSpace):
             raise SettingsError(f"space must be a KnobSpace, got {self.space!r}")
         for name, low in (("n_init", 1), ("n_max", 2), ("seed", 0)):
+            # numpy's integers are taken, too, but JSON and the state of an agent know those of Python only.
             value: Any = getattr(self, name)
             integer(name, value, low=low)
             object.__setattr__(self, name, int(value))
@@ -237,6 +238,7 @@ def check_record(history: History, space: KnobSpace, most: int, *, by_value: boo
             raise SettingsError(f"the best one of a state cannot be {lead}")
     for index, sample in enumerate(history.samples):
         _check_sample(index, sample, space)
+        # A sample cannot follow from more answers than were given, or than samples came before.
         if not 0 <= (sample.after or 0) <= min(index, answered):
             raise SettingsError(f"sample {index} of a state cannot be after {sample.after} answers")
     if not answered <= stored <= most:
@@ -251,6 +253,7 @@ def _check_sample(index: int, sample: Sample, space: KnobSpace) -> None:
         there = space.decode(np.array(sample.z))
     except KnobError as error:
         raise SettingsError(f"sample {index} of a state: {error}") from error
+    # A state has both z and θ, and decoding rounds, so a share of the range is allowed.
     span = np.array([knob.high - knob.low for knob in space])
     if np.any(np.abs(there - theta) > _SAME_PLACE * span):
         raise SettingsError(f"sample {index} of a state: z and theta are not the same place, got {sample}")
@@ -314,6 +317,7 @@ class Strategy:
         start: Start | None = None,
         settings: Any = None,
     ) -> None:
+        # A class of settings is the agent's own: those of another would silently lack what it reads.
         given = self.options() if settings is None else settings
         if not isinstance(given, self.options):
             raise SettingsError(f"settings must be {self.options.__name__}, got {settings!r}")
@@ -373,6 +377,7 @@ class Strategy:
 
     def _turn_of(self, history: History, pair: Pair | None) -> Turn:
         best = self._learned(history).incumbent
+        # An agent that learns from scores compares nothing, so nobody is asked.
         rival = None if best is None or self.by_value else _suggestion(history, best)
         waiting = range(history.answered, len(history.samples))
         queries = tuple(Query(_suggestion(history, index), rival) for index in waiting)
@@ -387,6 +392,7 @@ class Strategy:
         with one_thread():
             z, tried = self.propose(past), Tried(space, past)
             sample = Sample.of(space, space.snap(z))
+            # Rounding can bring a new point to a θ that ran, or across a constraint.
             if tried.is_free(np.array(sample.theta)):
                 return sample
             rng = np.random.default_rng([self.setup.seed, past.answered])
@@ -434,6 +440,7 @@ class Strategy:
             if most < self.setup.n_max:
                 why = f"every one of the {most} θ of the space has been tried"
             raise ProtocolError(f"there is no open query: {why}")
+        # One after the other: each pending sample keeps the next ones away from it.
         for _ in range(len(history.samples), min(history.answered + n, most)):
             history = history.with_another(self._next(history))
         return history, list((turn if history is turn.history else self._turn(history)).queries)
@@ -558,6 +565,7 @@ class Agent(Strategy):
         """
         given = Answer.scored(answer) if self.by_value else Answer.of(answer)
         try:
+            # An agent that was just restored has not asked yet; the same record gives the same query.
             history, queries = self.open(self.history)
         except ProtocolError as over:
             raise ProtocolError(f"told {query}, but all {self.n_max} experiments are answered") from over
@@ -585,6 +593,7 @@ class Agent(Strategy):
         """
         changed = self.history.retracted(index, follow_up=further)  # before anything is proposed
         if self.history.answered < self.n_max:
+            # The open sample is fixed first: its experiment may be running, and must not become another one.
             changed = self._settled().retracted(index, follow_up=further)
         self.history = changed
 
@@ -603,6 +612,7 @@ class Agent(Strategy):
         same = np.flatnonzero(self.space.close(theta, self.samples))
         if len(same):
             raise ProtocolError(f"experiment {same[0] + 1} of {answered} was run with this θ")
+        # The first pending sample is the one that is replaced; the others keep theirs.
         others = [s.theta for s in self.history.samples[answered + 1 :]]
         if others and self.space.close(theta, np.array(others)).any():
             raise ProtocolError("another pending experiment has this θ")
@@ -640,6 +650,8 @@ class Agent(Strategy):
             thetas = [space.decode(np.array(z)) for z in state.start]
         except KnobError as error:
             raise SettingsError(f"the start of a state: {error}") from error
+        # Not by the constructor: it takes arguments of a kind of agent, and the state has what follows from
+        # them.
         agent = object.__new__(cls)
         agent._begin(replace(setup, start=start_points(space, thetas, setup.n_max)))
         agent.history = state.history

@@ -69,7 +69,9 @@ def interpolate(
     column = values[:, None]
     offset = column.mean(axis=0)
     phi = RADIAL_FUNCTIONS[rbf].value(epsilon**2 * squared_distances(samples, samples))
+    # One decomposition gives the weights and the diagonal of the inverse, which leave-one-out needs.
     eigenvalues, vectors = np.linalg.eigh(phi)
+    # Close samples give eigenvalues that rounding makes negative.
     inverse = 1 / (np.maximum(eigenvalues, 0.0) + _RIDGE * len(values))
     beta = vectors @ (inverse[:, None] * (vectors.T @ (column - offset)))
     left_out = beta / ((vectors**2) @ inverse)[:, None]
@@ -84,6 +86,7 @@ def best_interpolant(
 
     With many samples, only the last ones choose ε.
     """
+    # The latest ones lie near the best, where the interpolant matters most.
     last = slice(max(len(samples) - _DECIDING, 0), None)
     tries = [interpolate(samples[last], values[last], epsilon, rbf) for epsilon in epsilons]
     best = min(tries, key=lambda each: each[1])[0]
@@ -162,6 +165,7 @@ class ValueAcquisition:
 
     def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
         """Return a at the rows of `z`, shape (m, n), unit cube, as shape (m,)."""
+        # Bemporad's box is [-1, 1]: distances and ε are those of his equations.
         x = 2 * z - 1
         weights, f = Weights.of(squared_distances(x, self.interpolant.centers)), self.interpolant(x)
         s = np.sqrt(weights.variance(self.values, f))
@@ -174,6 +178,7 @@ class ValueAcquisition:
         weights, f = Weights.of(d), self.interpolant(x[None])
         s, slope = np.sqrt(weights.variance(self.values, f)), self.interpolant.gradient(x)
         value = float((f - self.alpha * s - self.delta * weights.distance)[0])
+        # There s has a corner, and z is flat: only f has a slope to follow.
         if d.min() <= _ON_SAMPLE:
             return value, np.asarray(2 * slope)
         v, largest, total = weights.share[0], weights.largest[0], weights.total[0]
@@ -252,6 +257,7 @@ class GLIS(Agent):
         tried = Tried(space, history)
         if index < self.setup.n_init:
             return tried.fresh(latin_hypercube(space, self.setup.n_init, self.setup.seed)[index], rng)
+        # All runs of the start may have failed to give a score: then nothing can be interpolated.
         if not len(scores_of(history)[0]):
             return tried.fresh(random_points(space, 1, rng)[0], rng)
         interpolant, values = self._interpolant(history)
@@ -260,6 +266,7 @@ class GLIS(Agent):
 
     def _interpolant(self, history: History) -> tuple[Interpolant, Float[np.ndarray, " K"]]:
         scored, values = scores_of(history)
+        # The range becomes 1, which is ΔF of equation 10.
         values = normalized(values, self.settings.ceiling)
         x = 2 * cube_of(history)[scored] - 1
         return best_interpolant(x, values, self.settings.epsilons, self.settings.rbf), values
@@ -300,6 +307,7 @@ class EqualWeights(Simulating):
     def bank(self) -> Bank:
         """Return the simulated θ; it simulates them if needed."""
         simulations = self.simulations  # there may be none
+        # All at once and spread evenly: it has no use for θ near what answers prefer.
         z, thetas = self.space.proposals(latin_hypercube(self.space, self.n_simulated, self.setup.seed))
         return Bank.of(z, thetas, KPIValues.of(simulations(thetas)))
 
@@ -316,7 +324,9 @@ def by_mean_rank(kpis: Float[np.ndarray, "m k"]) -> Int[np.ndarray, " m"]:
 
     Equal values share the mean of their ranks; rows with the same mean keep their order.
     """
+    # Ranks, since KPIs have no common unit; an infinite value is only the last.
     columns = [_ranks(column) for column in kpis.T]
+    # Without a KPI the sum is a number, not an array: the zeros give it its shape.
     return np.argsort(np.sum(columns, axis=0) + np.zeros(len(kpis)), kind="stable")
 
 

@@ -161,6 +161,7 @@ class Memory:
             if len(chosen) < most and len(both) <= _SAMPLES * most:
                 chosen.append(h)
                 samples = both
+        # Samples without an answer that is kept still have KPIs, from which processes learn.
         others = [i for i in range(count) if i not in samples]
         samples.update(others[len(others) - max(min(most, count) - len(samples), 0) :])
         kept = np.array(sorted(samples), dtype=np.int64)
@@ -174,6 +175,7 @@ def _by_weight(lessons: Sequence[Comparison], most: int) -> list[int]:
     for h in reversed(range(len(lessons))):
         later[h] = seen.get(lessons[h].challenger, 0)
         seen[lessons[h].challenger] = later[h] + 1
+    # Only the last answer about each sample, so that the oldest ones cover as many samples as they can.
     oldest = [h for h in range(len(lessons)) if not later[h]][: int(_OLDEST * most)]
     rest = set(range(len(lessons))) - set(oldest)
     return [*oldest, *sorted(rest, key=lambda h: (later[h], -h))]
@@ -186,19 +188,20 @@ def _part(history: History, lessons: Sequence[Comparison], kept: Int[np.ndarray,
     kpis, comparisons, follow_ups = history.kpis, [], []
     for index, k in number.items():
         if index in own:
-            comparisons.append(_renumbered(own[index], number))
+            comparisons.append(_renumber(own[index], number))
         else:
             known = kpis.outcome(index)
             given = Answer(None, outcomes=None if known is None else (known, None))
             comparisons.append(Comparison(k, None, given))
     for c in lessons:
         if c.after is not None:
+            # Follow-ups are numbered by the answers before them, of which some are left out now.
             after = int(np.searchsorted(kept, c.after))
-            follow_ups.append(replace(_renumbered(c, number), after=after))
+            follow_ups.append(replace(_renumber(c, number), after=after))
     return History(tuple(history.samples[index] for index in number), tuple(comparisons), tuple(follow_ups))
 
 
-def _renumbered(comparison: Comparison, number: dict[int, int]) -> Comparison:
+def _renumber(comparison: Comparison, number: dict[int, int]) -> Comparison:
     assert comparison.incumbent is not None  # it teaches
     first, second = number[comparison.challenger], number[comparison.incumbent]
     return replace(comparison, challenger=first, incumbent=second)
@@ -221,6 +224,7 @@ def judged(history: History) -> History:
     whole = [i for i in np.flatnonzero(finite).tolist() if i not in partial]
     filled = dict[int, Outcome]()
     for i in sorted(cut):
+        # Only runs before it: what is learned after an answer must not change with later runs.
         apart = np.sum((z[[w for w in whole if w < i]] - z[i]) ** 2, axis=1)
         near = kpis[whole[int(np.argmin(apart))]] if len(apart) else kpis[i]
         filled[i] = Outcome(dict(zip(names, np.fmax(kpis[i], near).tolist(), strict=True)))

@@ -170,6 +170,7 @@ def _maker(agent: AgentFactory | None, *, simulates: bool) -> AgentFactory:
         return Screening if simulates else GLISp
     if simulates:
         takes = signature(agent).parameters
+        # Here, since a TypeError from the constructor would not say that `simulate` is the reason.
         anything = any(p.kind is Parameter.VAR_KEYWORD for p in takes.values())
         if not anything and not {"simulate", "n_simulated"} <= set(takes):
             name = getattr(agent, "__name__", repr(agent))
@@ -188,6 +189,7 @@ def _answer(prefer: Prefer, told: Agent | None, new: Any, old: Any) -> Answer | 
     answer = Answer.of(prefer(*copies))
     bank = getattr(told, "bank", None)
     known = set(bank.names) if isinstance(bank, Bank) else set()
+    # Without a common name the twin is never corrected, and nobody would notice.
     measured = {name for kpis in answer.outcomes or () for name in kpis or ()}
     if known and measured and not known & measured:
         raise SimulationError(

@@ -81,6 +81,7 @@ class Pool:
         constants, density = np.zeros((len(given), 1)), pool.density
         for _ in range(_STEPS):
             density = logsumexp(likely - constants, axis=0) - np.log(len(given))
+            # Each constant is a mean over all draws, so it improves the density that improves the constants.
             constants = logsumexp(likely - density, axis=1, keepdims=True) - np.log(len(density))
         return replace(pool, density=density)
 
@@ -163,6 +164,7 @@ def influences(pool: Pool, history: History) -> tuple[Influence, ...]:
     for index, comparison in enumerate(history.comparisons):
         if not comparison.teaches or not comparison.answer.preference:
             continue
+        # Against the record without it: the answer itself must not vouch for itself.
         rest, other_way = history.retracted(index), turned(history, index)
         likely = np.exp(pool.log_likelihood(other_way) - pool.log_likelihood(rest))
         other, sure = _result(pool, other_way)
@@ -215,6 +217,7 @@ def _result(pool: Pool, history: History) -> tuple[int, bool]:
     rivals = overtaking(better, history)
     if not rivals.any():
         return best, bool(better.max() < _SURE)
+    # Worth is a rank among all simulated θ, so costs of the shown ones alone would not do.
     value = worth(pool.drawn(history, _JUDGES).costs(pool.logs))[:, pool.shown[:count]].mean(axis=0)
     return int(np.argmax(np.where(rivals > 0, value, -np.inf))), False
 
@@ -258,6 +261,8 @@ def others(
         gain = perhaps * (satisfied & ~satisfied[:, menu].any(axis=1)[:, None]).mean(axis=0)
         if not gain.any():
             break
+        # By the KPI in which they differ most, to the nearest on the menu: a person sees one large
+        # difference.
         apart = np.abs(ranks[:, None] - ranks[menu]).max(axis=2, initial=0.0).min(axis=1)
         menu.append(int(np.argmax(np.where(gain >= _ENOUGH * gain.max(), apart, -1.0))))
     return tuple(menu[1:])
@@ -296,6 +301,7 @@ def between(
         ranks[:, place] = np.unique(column, return_inverse=True)[1]
     from_one = (ranks - ranks[one]) / np.maximum(ranks.max(axis=0), 1.0)
     way = from_one[other]
+    # Two rows may read the same in all KPIs: then there is nothing between them.
     along = from_one @ way / (way @ way or 1.0)
     rows = np.flatnonzero(stops & (along > 0.0) & (along < 1.0))
     parts = np.linspace(0.0, 1.0, _STOPS + 2)[1:-1, None, None]
@@ -343,6 +349,7 @@ def smaller_change(
     """
     theta, chance = result, 0.0
     while len(left := np.flatnonzero(theta != before)):
+        # One row for each knob that is not back yet, with that knob put back.
         tried = np.where(np.eye(len(theta), dtype=bool)[left], before, theta)
         tried = tried[np.atleast_1d(space.allows(tried))]
         found = chances(tried) if len(tried) else np.ones(1)
@@ -408,6 +415,7 @@ def _certainty(pool: Pool, draws: Utilities, rows: Int[np.ndarray, " r"], result
     certain = noticed_worse(draws, logs)
     place, shown = int(np.argmax(certain >= _CERTAIN)), column[pool.shown]
     seen = np.any(np.isfinite(shown) & (shown >= values[place]))
+    # argmax of nothing is 0: then the smallest worse value is not sure, and the caller leaves it out.
     return float(certain[place]) if seen else 0.0
 
 

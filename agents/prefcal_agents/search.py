@@ -31,6 +31,7 @@ def capacity(space: KnobSpace) -> float:
         KnobError: If the space is small and the constraints allow no θ.
     """
     counts = [_count(knob, *part) for knob, part in zip(space, space.within, strict=True)]
+    # Beyond this it would take too long to ask the constraints about every θ, and no study runs that many.
     total = prod(counts)
     if not space.constraints or total > _COUNTED:
         return float(total)
@@ -58,8 +59,6 @@ _BLOCKS = (300, 1_000, 4_000, 16_000)  # numbers of random points to check, bloc
 _LEADERS = 20  # points to search from if no random point is allowed
 _AROUND = 30  # points to try around each of them at each step size
 _STEPS = np.geomspace(0.3, 1e-5, 40)  # in units of the cube
-_HALVINGS = 14  # bisections on the way to an allowed point
-_ROUNDS = 3  # rounds of hit and run
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +82,8 @@ class Region:
         """
         n = len(self.space)
         found = np.zeros((0, n))
+        # Blocks grow: most regions need a few hundred points, and a thin one is known as such only after
+        # many.
         for size in _BLOCKS:
             block = self.space.scaled(rng.random((max(size, count), n)))
             found = np.vstack([found, block[self.allows(block)]])
@@ -90,7 +91,8 @@ class Region:
                 return np.asarray(found[:count])
         if not len(found):
             found = self._search(rng)
-        for _ in range(_ROUNDS):
+        for _ in range(3):
+            # Points beside points: after a few rounds little of where the search happened to arrive is left.
             found = np.vstack([found, self._beside(found, count, rng)])
         return found[-count:]
 
@@ -101,11 +103,14 @@ class Region:
         start = anchors[rng.integers(len(anchors), size=count)]
         edge = self._toward(start, self.space.scaled(rng.random((count, start.shape[1]))))
         inside = start + rng.random((count, 1)) * (edge - start)
+        # The region need not be convex, so what lies between may be refused although both ends are allowed.
         return np.where(self.allows(inside)[:, None], inside, start)
 
     def _search(self, rng: np.random.Generator) -> Float[np.ndarray, "a n"]:
         """Return allowed points, found by reducing the violation of the constraints."""
         leaders = self.space.scaled(rng.random((_BLOCKS[-1], len(self.space))))
+        # Constraints have units of their own: each is measured by its median, or the largest would hide the
+        # rest.
         sizes = np.nan_to_num(np.abs(self.space.excess(self._thetas(leaders))))
         scale = np.median(sizes, axis=0)
         order = np.argsort(self._violation(leaders, scale), kind="stable")
@@ -164,9 +169,11 @@ class Region:
         """Return the last allowed point on each line from `start`, which is allowed, to `end`."""
         allowed, refused = np.zeros((len(start), 1)), np.ones((len(start), 1))
         allowed[self.allows(end)] = 1.0
-        for _ in range(_HALVINGS):
+        for _ in range(14):  # to 1/16,000 of the way, finer than the step of most knobs
             middle = (allowed + refused) / 2
             good = self.allows(start + middle * (end - start))[:, None]
+            # Only `allowed` is returned, so the point is on the safe side of the edge, however few
+            # bisections.
             allowed, refused = np.where(good, middle, allowed), np.where(good, refused, middle)
         return np.asarray(start + allowed * (end - start))
 
@@ -184,9 +191,6 @@ def random_points(space: KnobSpace, count: int, rng: np.random.Generator) -> Flo
 
 # --- Step away from the best so far, as an evolution strategy with one parent does.
 
-_FIRST, _WIDEST = 0.2, 0.5  # standard deviation of a step at the start, and the largest one, in the unit cube
-_GROWTH, _DECAY = 1.5, 0.9  # factors of the step after a success and after a failure
-
 
 def step_length(history: History, n_init: int) -> float:
     """Return the standard deviation of the next step, in the unit cube, above 0 and at most 0.5.
@@ -201,12 +205,11 @@ def step_length(history: History, n_init: int) -> float:
         n_init: Number of samples of the start, which are no steps.
     """
     b = Preferences.of(history).b[n_init - 1 :]
-    return float(min(_FIRST * _GROWTH ** np.sum(b == -1) * _DECAY ** np.sum(b == 1), _WIDEST))
+    # 1.5 · 0.9⁴ is 0.98: with one success in five, the length stays about as it is.
+    return float(min(0.2 * 1.5 ** np.sum(b == -1) * 0.9 ** np.sum(b == 1), 0.5))
 
 
 # --- Create the initial design: a Latin hypercube.
-
-_POOL, _POOL_SHARE = 200, 20  # allowed points to choose from: at least, and for each one chosen
 
 
 def latin_hypercube(space: KnobSpace, count: int, seed: int) -> Float[np.ndarray, "N n"]:
@@ -229,7 +232,8 @@ def _moved_inside(points: Float[np.ndarray, "N n"], space: KnobSpace, seed: int)
     region = Region(space)
     refused = np.flatnonzero(~region.allows(points))
     if len(refused):
-        pool = region.draw(max(_POOL, _POOL_SHARE * len(refused)), np.random.default_rng([seed, 0, 1]))
+        # Twenty for each one chosen, and 200 at least, so that the farthest of them is far.
+        pool = region.draw(max(200, 20 * len(refused)), np.random.default_rng([seed, 0, 1]))
         nearest = cdist(pool, np.delete(points, refused, axis=0), "sqeuclidean").min(axis=1, initial=np.inf)
         for index in refused:
             farthest = int(np.argmax(nearest))
@@ -245,10 +249,7 @@ def _moved_inside(points: Float[np.ndarray, "N n"], space: KnobSpace, seed: int)
 # θ is new.
 
 _SCALES = (1e-4, 0.3)  # smallest and largest step around the incumbent, in units of the cube
-_APART = 0.1  # minimum distance between two starts of a descent, in the cube
 _DRAWS = 200  # random points to check before an integer space is searched completely
-_ANCHORS = 20  # random allowed points to search from if no sample is one
-_SAME = 0.4  # steps; points that are closer in every knob to a θ that ran round to that θ
 
 
 @runtime_checkable
@@ -288,6 +289,7 @@ class Domain:
         """
         lower, upper = space.corners
         start = np.clip(np.array(history.samples[history.incumbent or 0].z), lower, upper)
+        # The gradient of a rounded knob is that of a value that cannot run: only draws move integer knobs.
         fixed = space.integers | (lower == upper)
         if not space.constraints:
             return cls(fixed, space.snap_all, start, (lower, upper))
@@ -324,19 +326,21 @@ def multistart(
     Deviation: L-BFGS-B with analytic gradients from sampled starts instead of the paper's particle
     swarm, also in `GLISp.paper`. Measured in docs/deviations.md.
     """
-    points = _sampled(domain, rng, draws)
+    points = _sample(domain, rng, draws)
     values = objective(points)
     order = np.argsort(values, kind="stable")
     points, values = points[order], values[order]
     chosen = _apart(points, starts)
+    # Values are computed again after snapping: rounding to a dial can lose more than the descent gained.
     descended = domain.snap(np.array([_descend(objective, domain, points[k], iterations) for k in chosen]))
     everything = np.vstack([descended, points])
     values = np.concatenate([objective(descended), values])
     return np.asarray(everything[np.argsort(values, kind="stable")])
 
 
-def _sampled(domain: Domain, rng: np.random.Generator, draws: int) -> Float[np.ndarray, "m n"]:
+def _sample(domain: Domain, rng: np.random.Generator, draws: int) -> Float[np.ndarray, "m n"]:
     n, near = len(domain.start), draws // 3
+    # Log-uniform: late steps are far shorter than early ones, and the search does not know which it needs.
     steps = np.exp(rng.uniform(np.log(_SCALES[0]), np.log(_SCALES[1]), size=(near, 1)))
     around = domain.start + steps * rng.standard_normal((near, n))
     low, high = domain.corners
@@ -349,7 +353,7 @@ def _apart(points: Float[np.ndarray, "m n"], count: int) -> list[int]:
     chosen = [0]
     nearest = np.sum((points - points[0]) ** 2, axis=1)
     while len(chosen) < count:
-        far = np.flatnonzero(nearest > _APART**2)
+        far = np.flatnonzero(nearest > 0.1**2)  # nearer starts would likely descend to one minimum
         if not len(far):
             break
         chosen.append(int(far[0]))
@@ -415,7 +419,8 @@ class Tried:
             if knob.resolution == 0:
                 return np.zeros(len(points), dtype=np.bool_)
             there, here = knob.steps(self._thetas[:, k]), knob.steps(thetas[:, k])
-            close &= np.abs(here[:, None] - there) < _SAME
+            # Half a step rounds to the θ that ran; 0.4, so that no rounding can put one on the other side.
+            close &= np.abs(here[:, None] - there) < 0.4
         return np.asarray(close.any(axis=1))
 
     def fresh(self, z: Float[np.ndarray, " n"], rng: np.random.Generator) -> Float[np.ndarray, " n"]:
@@ -453,7 +458,7 @@ def _anchors(space: KnobSpace, history: History) -> Float[np.ndarray, "a n"]:
     inside = tried[np.all((tried >= lower) & (tried <= upper), axis=1)]
     if len(inside):
         return np.asarray(inside)
-    return random_points(space, _ANCHORS, np.random.default_rng(history.answered))
+    return random_points(space, 20, np.random.default_rng(history.answered))
 
 
 # --- Score candidates: low values of the surrogate are good, and so is distance from all samples.
@@ -555,9 +560,6 @@ _RBF = RADIAL_FUNCTIONS["inverse_quadratic"]
 _LENGTHS = (0.1, 0.2, 0.4, 0.8)  # candidate length scales of a mark, per knob
 _JUDGED = 100  # number of latest samples that choose the length scale, for speed
 _VARIANCE = 25.0  # variance of the log odds: after one mark, its label has about 90 %
-_NEWTON_STEPS = 30  # maximum steps of Newton's method, which takes about 7
-_RECENT = 20  # number of latest samples whose unsafe marks raise the required safety
-_RELAXED = 0.5  # share of the risk that is still accepted after each of them
 POOL = 300  # random points to choose from when replacing a planned point that is likely unsafe
 
 
@@ -592,6 +594,8 @@ class SafetyModel:
         offset = float(np.log((1 + np.sum(labels)) / (1 + np.sum(~labels))))
         if len(labels) > MOST:
             common = labels == (np.mean(labels) > 0.5)
+            # The rare label is what an edge is learned from; the latest of the common one lie where proposals
+            # are.
             kept = np.sort(np.lexsort((-np.arange(len(labels)), common))[:MOST])
             samples, labels = samples[kept], labels[kept]
         d = squared_distances(samples, samples) / samples.shape[1]
@@ -634,9 +638,10 @@ def _mode(
     """
     kernel, sign = _VARIANCE * phi, np.where(labels, 1.0, -1.0)
     f, a = np.zeros(len(labels)), np.zeros(len(labels))
-    for _ in range(_NEWTON_STEPS):
+    for _ in range(30):  # about 7 are needed
         p = _logistic(offset + f)
         w = p * (1 - p)
+        # Algorithm 3.1 factors 1 + W½ K W½, whose eigenvalues are 1 or more, however close samples are.
         root = np.sqrt(w)
         factor = cho_factor(np.eye(len(w)) + root[:, None] * kernel * root, lower=True)
         b = w * f + labels - p
@@ -707,8 +712,9 @@ def unsafe_penalty(history: History, weight: float, least_safe: float) -> Penalt
     if not weight or not history.unsafe():
         return None
     marks = Marks.of(history)
-    recent = np.count_nonzero(marks.unsafe[-_RECENT:])
-    least = 1 - (1 - least_safe) * _RELAXED**recent
+    # Of the latest 20 samples: caution rises for a while, and ends again.
+    recent = np.count_nonzero(marks.unsafe[-20:])
+    least = 1 - (1 - least_safe) * 0.5**recent
     return Penalty(SafetyModel.of(marks.samples, ~marks.unsafe), least, weight)
 
 
@@ -722,6 +728,7 @@ def replaced(
 
     The best point is safe and far from all `others`, shape (m, n), as in the initial design.
     """
+    # Whatever else is planned stays: the points of a design fill the space together.
     if penalty.safety(planned[None])[0] >= penalty.least:
         return planned
     apart = np.sqrt(squared_distances(pool, others).min(axis=1) / len(planned))

@@ -24,7 +24,6 @@ from .lessons import Preferences
 
 Array = Float[np.ndarray, "..."]
 _TINY = 1e-300  # keeps log(u) finite at a center
-_WIDEST = 16.0  # largest ratio between the scales of two knobs
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,8 +79,9 @@ class Shape:
         """Return the shape in which `knob` counts `factor` as much; None if too far from others."""
         scales = np.array(self.scales)
         scales[knob] *= factor
+        # With a geometric mean of 1: otherwise the factor would also change ε for all other knobs.
         scales /= np.exp(np.mean(np.log(scales)))
-        if scales.max() > _WIDEST * scales.min():
+        if scales.max() > 16.0 * scales.min():  # beyond this a knob would hardly count at all
             return None
         return replace(self, scales=tuple(map(float, scales)))
 
@@ -141,10 +141,7 @@ class Surrogate:
 # of σ the margin is 1 and λ becomes λσ. The solution stays the same, without numbers near 1e-6.
 
 _SHORTEST = 1e-12  # a shorter row (two samples that φ cannot tell apart) counts as this long
-_FAR = 0.3  # root mean square distance per knob from which on the margin is σ in full
-_NEAR = 1e-9  # closer samples count as this share of it: a margin stays above 0
 _NOBODY = -1  # owner of a row that holds for any answer
-_RIDGE = 1e-11  # on a Gram matrix of unit rows: below any accuracy asked for, above rounding
 _SOLVERS = local()  # one solver for each thread, since agents may compute at the same time
 
 
@@ -191,6 +188,8 @@ class Constraints:
 
         `phi` holds what is weighted, at all samples: N functions φ, or p KPIs.
         """
+        # Eq. RBF-pref: a strict preference asks for worse minus better, and a tie for |Ĵ(θ1) - Ĵ(θ2)| <= σ,
+        # which takes one row for each side.
         difference = phi[preferences.first] - phi[preferences.second]
         strict, tie = np.flatnonzero(preferences.b), np.flatnonzero(preferences.b == 0)
         owner = np.concatenate([strict, tie, tie])
@@ -214,6 +213,7 @@ class Constraints:
 
     def without(self, left_out: Bool[np.ndarray, " M"]) -> "Constraints":
         """Return the rows of the comparisons that are not left out."""
+        # Rows that hold for any answer are not evidence, so no fold leaves them out.
         kept = (self.owner == _NOBODY) | ~left_out[self.owner]
         return Constraints(self.rows[kept], self.margins[kept], self.weights[kept], self.owner[kept])
 
@@ -229,8 +229,8 @@ def margins(preferences: Preferences, power: float) -> Float[np.ndarray, " M"]:
     if power == 0:
         return np.ones(len(preferences))
     apart = preferences.samples[preferences.first] - preferences.samples[preferences.second]
-    share = np.sqrt(np.mean(apart**2, axis=1)) / _FAR
-    return np.asarray(np.clip(share, _NEAR, 1.0) ** power)
+    share = np.sqrt(np.mean(apart**2, axis=1)) / 0.3
+    return np.asarray(np.clip(share, 1e-9, 1.0) ** power)  # above 0: a preference is no tie
 
 
 def fit(constraints: Constraints, learning: Learning) -> Float[np.ndarray, " N"]:
@@ -285,12 +285,14 @@ def _dual(
     gram = unit @ unit.T
     scale = 1 / float(length.min(initial=np.inf))
     symmetric = 0.5 * (gram + gram.T)
-    symmetric.flat[:: len(gram) + 1] += _RIDGE
+    # A ridge on the Gram matrix of unit rows: below any accuracy asked for, above rounding.
+    symmetric.flat[:: len(gram) + 1] += 1e-11
     q, upper = -system.margins / (length * scale), ceiling * length / scale
 
     def beta(z: Float[np.ndarray, " R"] | None) -> Float[np.ndarray, " N"]:
         if z is None:
             return np.zeros(rows.shape[1])
+        # An interior point leaves the box by its tolerance, which the scale magnifies.
         alpha = np.clip(z * scale / length, 0.0, ceiling)
         return np.asarray(learning.sigma * (alpha @ rows))
 
@@ -338,6 +340,7 @@ class Validation:
             values = phi @ beta
             gap = values[known.first[left_out]] - values[known.second[left_out]]
             b = known.b[left_out]
+            # A strict answer only has to have its sign: it does not say by how much the other one is worse.
             agrees = np.where(b == 0, np.abs(gap) <= self.learning.sigma, b * gap > 0)
             right += int(np.count_nonzero(agrees))
         return right
@@ -391,13 +394,7 @@ def rescale_knob(
 SHORTEST, LONGEST = 0.03, 10.0
 """Bounds of a length, in units of the cube."""
 _ROOT5 = np.sqrt(5.0)
-_PER_ROOT, _SPREAD = 0.35, 1.0  # prior of a length: median / √n, deviation of its logarithm
-_NUGGET = 1e-9  # variance added for the Cholesky factor; that of the process is 1
-_FEWER_STEPS = 10  # maximum number of steps of the fit of the lengths
-_RECENT = 100  # number of samples, compared last, that it is trained on, for speed
-_SWEEPS = 40  # maximum; 20 to 30 are enough unless answers that are surely right contradict
 _DAMPING = 0.7  # share of each step to take, for all sites at once
-_SETTLED = 1e-2  # converged when no site's precision changes relatively by more than this
 _SHORT_ROW = 1e-12  # a shorter row counts as this long
 _LEAST, _LARGEST = 1e-8, 1e8  # bounds of a site's precision
 _FLAT = 1e-6  # precision of a site without information
@@ -440,6 +437,7 @@ class Sites:
     def toward(self, other: "Sites") -> "Sites":
         """Return the sites after a damped step toward `other`."""
         return Sites(
+            # All sites move at once: undamped, rows that say the same would each add the whole of it.
             self.precision + _DAMPING * (other.precision - self.precision),
             self.shift + _DAMPING * (other.shift - self.shift),
         )
@@ -481,16 +479,17 @@ class ExpectationPropagation:
 
         Starting from the sites `start` is faster and gives the same result within tolerance.
         """
+        # Ties are the rows with margin -1; the sign of a row says nothing about them.
         strict = constraints.margins >= 0
         unit = unit_rows(constraints.rows[strict])
         answered = constraints.owner[strict] >= 0
         e = np.where(answered, error_rate, _SURE)
         sites = Sites.flat(len(unit)) if start is None else start
-        for _ in range(_SWEEPS):
+        for _ in range(40):  # 20 to 30 are enough unless answers that are surely right contradict
             matched = _Rest.of(unit, sites).matched(e)
             change = np.abs(matched.precision - sites.precision) / (1 + sites.precision)
             sites = sites.toward(matched)
-            if change.max(initial=0.0) < _SETTLED:
+            if change.max(initial=0.0) < 1e-2:
                 break
         rest = _Rest.of(unit, sites)
         mean, _ = dtrtrs(rest.root, rest.half, lower=1, trans=1)
@@ -498,6 +497,7 @@ class ExpectationPropagation:
         return cls(
             mean=mean,
             root=rest.root,
+            # By the cavities, so that no answer predicts itself: as good as leaving each out, in one fit.
             predicted=float(np.sum(np.log(probability[answered]))),
             wrong=np.asarray((e * (1 - right) / probability)[answered]),
             evidence=rest.evidence(sites, probability),
@@ -524,11 +524,13 @@ class _Rest:
     @classmethod
     def of(cls, unit: Float[np.ndarray, "R N"], sites: Sites) -> "_Rest":
         inner = (unit.T * sites.precision) @ unit
+        # The prior of β is standard normal: its precision is added.
         inner.flat[:: len(inner) + 1] += 1.0
         root, _ = dpotrf(inner, lower=1, clean=1)
         across, _ = dtrtrs(root, unit.T, lower=1)
         variance = np.maximum(np.einsum("ij,ij->j", across, across), 1e-10)
         half = across @ sites.shift
+        # Taking a site out of the posterior may leave less than nothing, by rounding.
         precision = np.maximum(1 / variance - sites.precision, _LEAST)
         m = (across.T @ half / variance - sites.shift) / precision
         return cls(root, half, m, precision, m * np.sqrt(precision))
@@ -542,10 +544,13 @@ class _Rest:
 
     def matched(self, e: Float[np.ndarray, " R"]) -> Sites:
         """Return the sites that match the true mean and variance of each answer."""
+        # Mean and variance of the cavity times the likelihood, which is a step from e to 1 - e at 0.
         z, v = self.z, 1 / self.precision
         density = np.exp(-z * z / 2) / np.sqrt(2 * np.pi * v)
         slope = (1 - 2 * e) * density / self.probability(e)[0]
         after = np.maximum(v - v * v * slope * (self.m / v + slope), 1e-12)
+        # The step is not log-concave: an answer that the others contradict asks for a negative precision,
+        # with which that of β might not be positive definite.
         target = np.minimum(np.maximum(1 / after - self.precision, _LEAST), _LARGEST)
         to = (self.m + v * slope) * (self.precision + target) - self.m * self.precision
         return Sites(target, to)
@@ -593,10 +598,11 @@ class PreferenceGP:
 
         Each answer is wrong with probability `error_rate`.
         """
-        known = _Known.of(preferences, max(error_rate, _SURE))
+        known = _StrictAnswers.of(preferences, max(error_rate, _SURE))
         lengths, start = known.likeliest()
         factor = known.factor(lengths)[0]
         posterior = known.posterior(factor, start)
+        # The values are factor · β, so of K⁻¹ only one triangular solve is left.
         alpha = solve_triangular(factor, posterior.mean, lower=True, trans=1)
         return cls(known.centers, lengths, np.asarray(alpha))
 
@@ -627,13 +633,13 @@ def predicted(preferences: Preferences, error_rate: float) -> float:
     Returns:
         The sum of the logarithms of their probabilities.
     """
-    known = _Known.of(preferences, error_rate)
+    known = _StrictAnswers.of(preferences, error_rate)
     lengths, start = known.likeliest()
     return float(known.posterior(known.factor(lengths)[0], start).predicted)
 
 
 @dataclass(frozen=True, slots=True)
-class _Known:
+class _StrictAnswers:
     """R strict comparisons of N samples, each wrong with probability `error_rate`.
 
     Each row has a 1 at the losing sample and a -1 at the winning one.
@@ -645,13 +651,15 @@ class _Known:
     error_rate: float
 
     @classmethod
-    def of(cls, preferences: Preferences, error_rate: float) -> "_Known":
+    def of(cls, preferences: Preferences, error_rate: float) -> "_StrictAnswers":
         """Return the comparisons of the last samples, without ties."""
         strict = np.flatnonzero(preferences.b)
         first, second = preferences.first[strict], preferences.second[strict]
+        # Reversed, so that the first place of a sample is that of its latest comparison.
         samples, at = np.unique(np.stack([first, second], 1).ravel()[::-1], return_index=True)
-        recent = np.sort(samples[np.argsort(at)[:_RECENT]])
+        recent = np.sort(samples[np.argsort(at)[:100]])  # the fit takes the cube of their number
         kept = strict[np.isin(first, recent) & np.isin(second, recent)]
+        # What is learned are the values themselves, not weights of φ: each sample is its own feature.
         one_each = np.eye(len(preferences.samples))[:, recent]
         centers = preferences.samples[recent]
         return cls(
@@ -667,7 +675,8 @@ class _Known:
         """Return the Cholesky factor of the kernel, the scaled squares and the kernel's slope."""
         u = self.apart / lengths[:, None, None] ** 2
         kernel, slope = matern(u)
-        return np.linalg.cholesky(kernel + _NUGGET * np.eye(len(kernel))), u, slope
+        # The process has variance 1: 1e-9 more lets close samples be factored, and changes nothing else.
+        return np.linalg.cholesky(kernel + 1e-9 * np.eye(len(kernel))), u, slope
 
     def posterior(self, factor: Float[np.ndarray, "N N"], start: Sites | None) -> ExpectationPropagation:
         """Return the posterior of β, where the values at the samples are factor · β."""
@@ -679,18 +688,19 @@ class _Known:
         from scipy.optimize import minimize
 
         n = len(self.apart)
-        expected, sites = np.log(_PER_ROOT * np.sqrt(n)), None
+        expected, sites = np.log(0.35 * np.sqrt(n)), None
 
         def loss(logs: Float[np.ndarray, " n"]) -> tuple[float, Float[np.ndarray, " n"]]:
             nonlocal sites  # each fit starts from the last sites
             factor, u, slope = self.factor(np.exp(logs))
             posterior = self.posterior(factor, sites)
             sites = posterior.sites
-            beyond = (logs - expected) / _SPREAD
+            # Without the prior, few answers would make a length infinite: one that does not matter yet.
+            beyond = logs - expected  # in standard deviations of the prior, which is 1
             # ∂K/∂log ℓ_j = -slope u_j.
             gradient = 0.5 * np.einsum("mN,jmN->j", self._pull(factor, posterior) * slope, u)
             value = -posterior.evidence + 0.5 * beyond @ beyond
-            return float(value), gradient + beyond / _SPREAD
+            return float(value), gradient + beyond
 
         found = minimize(
             loss,
@@ -698,7 +708,7 @@ class _Known:
             jac=True,
             method="L-BFGS-B",
             bounds=[(np.log(SHORTEST), np.log(LONGEST))] * n,
-            options={"maxiter": _FEWER_STEPS},
+            options={"maxiter": 10},
         )
         return np.asarray(np.exp(found.x)), sites
 

@@ -54,6 +54,7 @@ class Told:
         cut, found = history.cut_short(), []
         for lesson in history.lessons():
             first, second = lesson.answer.outcomes or (None, None)
+            # KPIs of a run that was cut short are bounds: compared as values they would teach the wrong wish.
             if first and second and not cut & {lesson.challenger, lesson.incumbent}:
                 found.append(cls(int(lesson.answer.preference or 0), Outcome(first), Outcome(second)))
         return tuple(found)
@@ -82,10 +83,13 @@ def lessons_of(
 ) -> Lessons:
     """Return answers as arrays; a KPI that both experiments lack makes no difference."""
     sides = [*(each.first for each in told), *(each.second for each in told)]
+    # Infinite on both sides is the same on both sides. If one lacks it, that one counts as never arriving.
     kpis = np.array([[side.get(name, np.inf) for name in scale.names] for side in sides], dtype=float)
     kpis = kpis.reshape(len(sides), len(scale.names))
     seen = kpis if reading is None else reading.table(scale.names, kpis)
+    # Rows 0 ... m - 1 hold the first experiments, m ... 2m - 1 the second ones.
     said, first = np.array([each.answer for each in told], dtype=np.int64), np.arange(len(told))
+    # Of a tie either may stand first: only whether the difference is noticed counts.
     better, worse = np.where(said > 0, [first + len(told), first], [first, first + len(told)])
     return Lessons(scale.logs(seen), better, worse, said == 0, np.full(len(told), strength))
 
@@ -143,10 +147,12 @@ class Taste:
 
     @classmethod
     def _of(cls, told: Sequence[Told], seed: int, usual: Sequence[KPIs] = ()) -> "Taste":
+        # Without a bank of simulations, the experiments themselves say which values are usual.
         table = [*(each.first for each in told), *(each.second for each in told), *usual]
         if not table:
             raise PreferenceError("a taste needs the KPIs of experiments: give answers, or usual ones")
         bank = _bank(table)
+        # The same seed gives the same taste: predictions are functions of the answers.
         scale, rng = Scale.of(bank, np.arange(len(bank))), np.random.default_rng(seed)
         utilities = Utilities.drawn(scale, DRAWS, rng)
         return cls(scale, learn(utilities, lessons_of(told, scale), scale, rng))
@@ -157,9 +163,11 @@ class Taste:
         Raises:
             PreferenceError: If a KPI is no number, or one that was learned is missing in both.
         """
+        # Three possible answers about the same pair: a wins, b wins, a tie.
         levels, one = self.utilities.levels(self._logs([a, b])), np.array([0, 1, 0])
         tie = np.array([False, False, True])
         logs = self.utilities.log_answers(self.utilities.differences(levels, one, 1 - one), tie)
+        # The mean over draws, mistakes included, so that a sure prediction is rare: research/people.md.
         better, worse, same = (np.exp(logs).mean(axis=0)).tolist()
         return Chances(better, same, worse)
 
@@ -198,5 +206,6 @@ def _check(answers: Sequence[int], kpis: Sequence[tuple[KPIs, KPIs]]) -> Int[np.
 
 def _bank(table: Sequence[KPIs]) -> Bank:
     """Return experiments as a bank; they have no θ, so each has its number for one."""
+    # A bank keeps one row for each θ, so without numbers all rows but the first would vanish.
     number = np.arange(len(table), dtype=float)[:, None]
     return Bank.of(number, number, KPIValues.of([Outcome(kpis) for kpis in table]))

@@ -129,6 +129,7 @@ def respaced(
         KnobError: As in `prefcal_env.knobs.respaced`.
         SettingsError: If the agent cannot be restricted.
     """
+    # Its state settles what is open, so the open experiment stays the one that may be running.
     state = agent.state
     if state.agent not in RESPACEABLE:
         raise SettingsError(f"only the agents {sorted(RESPACEABLE)} can change their space")
@@ -149,6 +150,7 @@ def moved(
     Raises:
         KnobError: If `new` does not hold every sample, or has a knob without a value.
     """
+    # Given θ are points of the old cube; in the new one they lie elsewhere.
     start = [Sample.of(old, np.array(z)).moved(old, new, added).z for z in state.start]
     history = state.history.moved(old, new, added)
     return replace(state, history=history, start=tuple(start))

@@ -170,6 +170,7 @@ class LQR:
         """Return model and weights as JSON-able data; None for infinite limits."""
         model = {f.name: getattr(self.model, f.name).tolist() for f in fields(Linearized)}
         for name in ("low", "high"):
+            # JSON has no infinity.
             model[name] = [finite(limit) for limit in model[name]]
         weights = {name: getattr(self, name).tolist() for name in ("Q", "R", "Q_i")}
         return {"model": model, "T_s": self.T_s, "integral": list(self.integral), **weights}
@@ -198,10 +199,12 @@ class LQR:
         dx = np.asarray(x, dtype=float) - m.x0
         if self.integral:
             error = output(m, measurement)[list(self.integral)] - r[list(self.integral)]
+            # An output without a reference (NaN) has no error to sum.
             step = self._T_s * np.nan_to_num(error)
             v = m.u0 - self.K @ dx - self.K_i @ self._sum
             # As in the design, the error of this instant counts from the next one on.
             u = np.clip(v, m.low, m.high)
+            # Conditional integration: at a limit the sum moves only if that moves v back toward u.
             if not np.any(v - u) or float((v - u) @ (self.K_i @ step)) > 0:
                 self._sum = self._sum + step
         else:
@@ -215,6 +218,7 @@ class LQR:
         n = len(m.x0)
         A, B = np.eye(n + n_i), np.zeros((n + n_i, len(m.u0)))
         A[:n, :n], B[:n] = self._A, self._B
+        # The sums are states, too: q⁺ = q + T_s (y - r), of which the model knows y.
         A[n:, :n] = self._T_s * m.C[list(self.integral)]
         Q = np.zeros_like(A)
         Q[:n, :n], Q[n:, n:] = self.Q, self.Q_i
@@ -223,6 +227,7 @@ class LQR:
         except (np.linalg.LinAlgError, ValueError) as error:
             raise _unstable(self.integral) from error
         K = np.asarray(np.linalg.solve(self.R + B.T @ P @ B, B.T @ P @ A))
+        # What the solver returns need not stabilize, where a state that does not decay has no weight.
         if not np.abs(np.linalg.eigvals(A - B @ K)).max(initial=0.0) < 1 - 1e-12:
             raise _unstable(self.integral)
         return K
@@ -230,9 +235,11 @@ class LQR:
     def _rest(self, r: Float[np.ndarray, " n_y"]) -> tuple[np.ndarray, np.ndarray]:
         """Return the state of rest, as deviations, at which the outputs are at r."""
         m, n = self.model, len(self.model.x0)
+        # An output without a reference may rest anywhere: it gives no equation.
         asked = np.flatnonzero(np.isfinite(r))
         rows = np.block([[m.A, m.B], [m.C[asked], m.D[asked]]])
         sizes = np.concatenate([np.zeros(n), r[asked] - m.y0[asked]])
+        # Of many states of rest the smallest; of none the one with the least error.
         found = np.linalg.lstsq(rows, sizes, rcond=None)[0]
         return found[:n], found[n:]
 
@@ -281,6 +288,7 @@ class LQG:
         Q, R = np.diag(self.process**2) * lqr.T_s, np.diag(self.noise**2)
         plant = Plant.of((m.A, m.B, m.C, m.D))  # deviations from the steady state
         self._filter = ExtendedKalmanFilter(plant, lqr.T_s, Q=Q, R=R)
+        # With the covariance of the long run at the start, the gain is the same at every step.
         self._start = StateEstimate(np.zeros(len(m.x0)), _lasting(m, lqr.T_s, Q, R))
         self._estimate: StateEstimate | None = None
 
@@ -311,6 +319,7 @@ class LQG:
         predicted = self._start
         if self._estimate is not None:
             predicted = self._filter.predict(self._estimate, u, none)
+            # The model of an unstable loop blows up: then the filter starts anew rather than stay NaN.
             predicted = predicted if predicted.finite else self._start
         y = output(m, measurement) - m.y0
         self._estimate = self._filter.update(predicted, y, u, none)
@@ -327,4 +336,5 @@ def _lasting(m: Linearized, T_s: float, Q: np.ndarray, R: np.ndarray) -> Float[n
             "the outputs do not tell the plant's state: measure more of them, or give every state "
             "that does not decay by itself a process deviation above 0"
         ) from error
+    # The filter takes one half of a covariance for the other, and this one has rounding in both.
     return np.asarray((P + P.T) / 2)

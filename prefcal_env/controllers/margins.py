@@ -57,6 +57,7 @@ def _sampled(J: LinearSystem, T_s: float, delay: Float[np.ndarray, " n_u"]) -> L
     start = n
     for i, ((_, rest), length) in enumerate(zip(parts, lengths, strict=True)):
         end, now = start + length, acting[:, i]
+        # The rest of a dead time: in each period first the older input acts, then the newer one.
         if rest > 1e-9 * T_s:
             Phi, Gamma = J.held(T_s - rest)
             A[:n, end - 1], now = Phi @ J.held(rest)[1][:, i], Gamma[:, i]
@@ -66,6 +67,7 @@ def _sampled(J: LinearSystem, T_s: float, delay: Float[np.ndarray, " n_u"]) -> L
             B[:n, i] = now
         B[start, i] = 1.0
         A[start + 1 : end, start : end - 1] = np.eye(length - 1)
+        # A direct feedthrough shows the input that acts now, which is the oldest one in memory.
         C[:, end - 1] = J.D[:, i]
         start = end
     return LinearSystem(A, B, C, np.zeros((n_y, n_u)), T_s)
@@ -261,6 +263,7 @@ class _Start:
         late = np.broadcast_to(np.asarray(task.measurement_delay, dtype=float), len(plant.outputs))
         delay = np.vstack([np.tile(delays_of(plant)[0], (n, 1)), dead_times(plant) + late[:, None]])
         y = np.asarray(plant.g(x, u, d), dtype=float)
+        # The reference is where the plant rests, or the step of the task would be in the response.
         y_ref = np.where(np.isnan(task.reference(0.0)), np.nan, y)
         return cls(plant, LinearSystem(J.A, J.B, C, D, J.dt), delay, x, u, d, y, y_ref)
 
@@ -273,15 +276,18 @@ class _Start:
         size = _SMALL * (span if np.isfinite(span) else max(1.0, abs(self.u[j])))
         impulse = size * np.eye(len(self.u))[j]
         model = sampled(self.J, make().T_s, self.delay)
+        # A new controller for each sign: the memory of the first run would be in the second.
         both = [self._inputs(model, make(), sign * impulse, settle) for sign in (1, -1)]
         rows: list[np.ndarray] = []
         for up, down in zip(*both, strict=True):
+            # Half the difference of both signs: what is even in the size, such as a curvature, cancels.
             rows.append((up - down) / (2 * size))
             if not np.abs(rows[-1]).max() < 1e5:
                 return None  # it grows without limit
             if len(rows) in _LOOKS:
                 quarters = np.array_split(np.abs(rows).max(axis=1), 4)
                 first, _, before, late = (float(part.max()) for part in quarters)
+                # Died out: what is left could not be told from rounding.
                 if late <= 1e-9 * max(before, first):
                     break
                 if len(rows) == _LOOKS[-1] and not late < 0.9999 * before:

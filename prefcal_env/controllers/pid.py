@@ -43,6 +43,7 @@ class PIDLaw:
     @classmethod
     def of(cls, K_p: Any, T_i: Any, T_d: Any, *, N: float, T_s: float) -> "PIDLaw":
         """Return the law for the parameters of `PID`."""
+        # K_p T_s / T_i is 0 for an infinite T_i, and the pole is 0 without a derivative.
         return cls(K_p, K_p * T_s / T_i, T_d / (T_d + N * T_s), K_p * N)
 
     @property
@@ -57,6 +58,7 @@ class PIDLaw:
     def at(self, z: Any) -> Any:
         """Return C(z), from the error to the input (c = 1), at points of the z plane."""
         direct, slope = self.of_output
+        # The signs turn round: C goes from the error r - y, while `of_output` has the gains of y.
         return -direct + self.integral / (z - 1) - slope / (z - self.pole)
 
 
@@ -237,6 +239,7 @@ class PID:
     def move(self, measurement: Measurement) -> Move:
         """Decide the input; a reference that is NaN leaves it as it is."""
         r = float(reference_of(measurement)[self.output])
+        # Without a reference the loop is open: the integral starts anew when there is one again.
         if r != r:
             self._integral = None
             return Move(np.array(measurement.u, dtype=float))
@@ -248,6 +251,7 @@ class PID:
         elif np.isfinite(p["T_i"]):  # to this instant, with the input that acted since the last
             self._integral += self._law.integral * (self._r - self._y)
             self._integral += min(p["T_s"] / self._tracking, 1.0) * (applied - self._v)
+        # Before r and y are replaced: the derivative is of their change.
         before = p["c"] * self._r - self._y
         self._r, self._y = r, y
         change = (p["c"] * r - y) - before
@@ -354,6 +358,7 @@ def simc(process: ProcessModel, *, derivative: bool = True) -> Tuning | None:
     """
     if process.unstable or process.integrators > 2 or process.damping < 0.5 or not process.gain:
         return None
+    # Integrators count as the slowest lags; zeros fill up what the half rule looks at.
     lags = [np.inf] * process.integrators + list(process.lags) + [0.0] * 4
     kept = 2 if derivative else 1
     theta = process.delay + sum(process.inverse) + lags[kept] / 2 + sum(lags[kept + 1 :])
@@ -368,6 +373,7 @@ def simc(process: ProcessModel, *, derivative: bool = True) -> Tuning | None:
         T_d = tau[1] if derivative else 0.0
     if not T_i > 0:
         return None
+    # SIMC is for the series form; the controller is of the parallel (ISA) form.
     factor = 1 + T_d / T_i
     return Tuning(K * factor, T_i * factor, T_d / factor)
 
@@ -388,6 +394,7 @@ def ziegler_nichols(plant: LinearSystem, omega: Float[np.ndarray, " m"], sign: f
     if not len(crossing):
         return None
     k = int(crossing[0])
+    # Linear between two frequencies, at the crossing of the negative real axis.
     share = -G.imag[k] / (G.imag[k + 1] - G.imag[k])
     size = abs(G.real[k] + share * (G.real[k + 1] - G.real[k]))
     T_u = 2 * np.pi / (omega[k] + share * (omega[k + 1] - omega[k]))
@@ -433,6 +440,7 @@ def robust(
     K = np.concatenate([1 / size, -1 / size])  # either sign
     w, T_i, T_d = (np.tile(v, 2) for v in (w, T_i, T_d))
     peak = LinearPIDs(K[:, None], T_i[:, None], T_d[:, None], N).sensitivity(plant, omega)
+    # The integral gain measures how well loads are rejected: 1/k_i is the area of the error after a step.
     drive, within = np.abs(K) / T_i, np.abs(K) <= largest
     for bound, allowed in [(b, within) for b in ROBUST] + [(np.inf, np.ones_like(within))]:
         fine = np.isfinite(peak) & (peak <= bound) & allowed

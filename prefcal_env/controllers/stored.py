@@ -31,6 +31,7 @@ KINDS: dict[str, type[Storable]] = {}
 
 def storable(kind: Kind) -> Kind:
     """Let `as_data` and `from_data` know a class of controllers; it decorates the class."""
+    # By the class's own name, so that a study file needs no table of its own.
     KINDS[kind.__name__] = kind
     return kind
 
@@ -59,6 +60,7 @@ def from_data(data: Mapping[str, Any]) -> Controller:
     if kind not in KINDS:
         raise SettingsError(f"controller must be one of {sorted(KINDS)}, got {kind!r}")
     try:
+        # Only classes that said so are made: a file that was sent to you must not choose what runs.
         return KINDS[kind].of_data({k: v for k, v in data.items() if k != "controller"})
     except (TypeError, KeyError, AttributeError, ValueError) as error:
         raise SettingsError(f"the data of a {kind} do not fit: {error}") from error
@@ -87,6 +89,7 @@ def outputs_of(m: Measurement, plant: Plant | None = None) -> Float[np.ndarray, 
         return m.y
     if plant is None:
         return np.asarray(m.x, dtype=float)
+    # With a preview, the first row is what acts now; an estimator may have appended its own to it.
     d = m.d if m.d.ndim == 1 else m.d[0]
     return plant.g(m.x, m.u, d[: len(plant.disturbances)])
 

@@ -85,19 +85,21 @@ def rollout(
     missing = [n for n in ("measurement", "apply", "end", "record") if not hasattr(loop, n)]
     if missing:
         raise ExperimentError(f"a rollout needs an environment with {missing}, got {loop!r}")
+    # Through the wrappers, which may count or record episodes; the loop itself goes past them.
     env.reset(seed=seed, options={"T_s": _sampling_time(controller)})
-    steps = _driven(loop, controller, clock)
+    steps = _drive(loop, controller, clock)
     experiment = _experiment(loop.record(), theta, steps)
     return experiment if kpis is None else experiment.with_kpis(kpis)
 
 
-def _driven(
+def _drive(
     loop: ClosedLoopEnv, controller: Controller, clock: Callable[[], float]
 ) -> list[tuple[int, float, bool]]:
     """Drive `loop` to its end; return iterations, seconds and success of each step."""
     steps: list[tuple[int, float, bool]] = []
     while loop.end is None:
         measurement = loop.measurement()
+        # Only the controller's own time: what the plant takes to simulate says nothing of its code.
         start = clock()
         move = controller.move(measurement)
         took = clock() - start
@@ -107,6 +109,7 @@ def _driven(
                 f"return a prefcal_env.Move, got {brief(move)}: write return Move(u), with u an "
                 "array of shape (n_u,)"
             )
+        # NaN must not reach the plant, where it would end the run as unsafe instead of holding the input.
         usable = move.solved and not np.count_nonzero(np.isnan(move.u))
         loop.apply(move.u if usable else measurement.u)
         steps.append((move.iterations, took, usable))
@@ -124,6 +127,7 @@ def _sampling_time(controller: Controller) -> object:
 
 
 def _experiment(record: Record, theta: object, steps: list[tuple[int, float, bool]]) -> Experiment:
+    # An episode has a step at least: no task ends at its start.
     iterations, solve_time, solved = zip(*steps, strict=True)
     return Experiment(
         theta=np.array(theta, dtype=float),
@@ -154,6 +158,7 @@ class ClosedLoop:
 
     def __init__(self, env: EnvSource, controller: ControllerFactory, kpis: KPIs | None = None) -> None:
         made = gym.make(env) if isinstance(env, str) else env
+        # An environment that can be called is still an environment.
         if callable(made) and not isinstance(made, gym.Env):
             made = made()
         if not isinstance(made, gym.Env):
@@ -170,6 +175,7 @@ class ClosedLoop:
     @property
     def channels(self) -> Channels | None:
         """Channels of the experiments; None if the environment does not define them."""
+        # Somebody else's environment may have an attribute of this name that is something else.
         found = getattr(self.env, "channels", None)
         return found if isinstance(found, Channels) else None
 

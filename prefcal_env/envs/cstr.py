@@ -45,6 +45,7 @@ def settled(step: Period) -> bool:
     the band: not settled.
     """
     (T_before, C_A_before), (T, C_A) = step.x[0].tolist(), step.x[-1].tolist()
+    # So written, NaN is not settled.
     if not abs(C_A - TARGET) <= BAND:
         return False
     changes = T - T_before, C_A - C_A_before, float(step.u[0] - step.u_before[0])
@@ -59,6 +60,7 @@ def stage_cost(step: Period) -> float:
     however many steps it takes, so totals do not depend on T_s.
     """
     error = ((step.x[:, 1] - TARGET) / (START - TARGET)) ** 2
+    # A run that was unsafe at once has a period of a single instant.
     tracking = np.trapezoid(error, step.t) / step.duration if step.duration > 0 else error[0]
     move = abs(step.u[0] - step.u_before[0]) / (MAX_MOVE * step.T_s)
     return float(tracking + 0.1 * move)
@@ -74,6 +76,7 @@ def cstr_task(plant: CSTR | None = None) -> Task:
     """
     plant = plant or CSTR()
     x0, u0 = plant.steady_state_at_concentration(START)
+    # The reactor's own, so that one with other parameters has another T at the target.
     target, _ = plant.steady_state_at_concentration(TARGET)
     return Task(
         x0=x0,
@@ -132,5 +135,7 @@ def cstr_env(
     if x0 is not None:
         task = replace(task, x0=plant_vector(x0, 2, "initial state x0"))
     if max_move is not None:
+        # The task is cached for all reactors alike: it is replaced, never changed.
         task = replace(task, max_move=np.array([max_move]))
+    # A subclass may measure something else.
     return PlantEnv(plant, task, render_mode, outputs_are_states=type(plant).g is CSTR.g)

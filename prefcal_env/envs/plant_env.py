@@ -75,6 +75,7 @@ def observed_of(plant: Plant, task: Task) -> Float[np.ndarray, "n 2"]:
 
 def _reach(channel: Channel, start: float, aim: float) -> tuple[float, float]:
     """Return the limits of a channel, with a guess for each missing one."""
+    # 0 if the channel starts and stays at 0, and then nothing says how large its values are.
     reach = 10 * max(abs(start), abs(aim - start)) or 10.0
     low = channel.low if np.isfinite(channel.low) else min(start, channel.high) - reach
     high = channel.high if np.isfinite(channel.high) else max(start, channel.low) + reach
@@ -134,6 +135,7 @@ def check_rate(plant: Plant, x: X, u: U, d: Float[np.ndarray, "*n_d"]) -> None:
     now = d if d.ndim == 1 else d[0]
     with np.errstate(all="ignore"):
         rate = plant.f(x, u, now)
+    # If what f was given is not finite, the mistake was made before.
     if not np.isnan(rate).any() or not np.isfinite([*x, *u, *now]).all():
         return
     which = [channel.name for channel, v in zip(plant.states, rate, strict=True) if np.isnan(v)]
@@ -189,6 +191,7 @@ class DeadTime:
         rows: list[np.ndarray] = []
         for a, b in pairwise([start, *changes, end]):
             inside = t[(t > a) & (t <= b)]
+            # The state is needed where an input changes, also if nothing is recorded there.
             instants = inside if len(inside) and inside[-1] == b else np.append(inside, b)
             states = self._held(x, d, a, instants)
             rows.append(states[: len(inside)])
@@ -200,6 +203,7 @@ class DeadTime:
         reaching = self._reaching(start)
         self._since.append(start)
         self._spans.append((x, reaching, d))
+        # After a blow-up there is nothing to simulate, but the period still has its rows.
         if all(map(isfinite, x.tolist())):
             states = self._plant.hold(x, reaching, d, t - start)
         else:
@@ -229,6 +233,7 @@ class DeadTime:
         first, last = start + self._tolerance, end - self._tolerance
         found: list[float] = []
         for delay in self._distinct:
+            # Inputs are in order of time, so an episode of many periods is not searched from its start.
             begin = bisect_right(self._given_at, first - delay)
             for given in self._given_at[max(begin, 1) :]:
                 if (t := given + delay) >= last:
@@ -237,6 +242,7 @@ class DeadTime:
                     found.append(t)
         merged: list[float] = []
         for t in sorted(found):
+            # Two inputs may change at the same instant but for rounding, and no interval is that short.
             if not merged or t - merged[-1] > self._tolerance:
                 merged.append(t)
         return merged
@@ -372,6 +378,7 @@ class PlantEnv(gym.Env[Array, Array]):
         reward = -self.task.stage_cost(step) * step.duration
         terminated = self._end is End.UNSAFE
         if terminated:
+            # For the whole rest of the time: ending early must not be cheaper than going on.
             reward -= self.task.unsafe_cost * max(self.task.horizon - self._t, 0.0)
         truncated = self._end is not None and not terminated
         return self.observe(), float(reward), terminated, truncated, self._info()
@@ -399,9 +406,10 @@ class PlantEnv(gym.Env[Array, Array]):
         """
         if self._episode is None or self._end is not None:
             raise ProtocolError("no episode is running: call reset() first")
-        u = self._saturated(plant_vector(u, len(self._low), "input u", finite=False))
+        u = self._saturate(plant_vector(u, len(self._low), "input u", finite=False))
         y_ref, d = self.task.reference(self._t), self.task.disturbance(self._t)
         self._steps += 1
+        # Nothing is drawn without jitter, so that its absence leaves the noise of a seed as it was.
         late = self.task.jitter * int(self.np_random.integers(-1, 2)) if self.task.jitter else 0.0
         t = instants(self._t, (self._steps + late) * self._T_s, self.task.dense_step)
         if self._dead_time is None:
@@ -411,6 +419,7 @@ class PlantEnv(gym.Env[Array, Array]):
         x = np.concatenate([self._x[None], later])
         kept, stopped = self._survived(x)
         if stopped:
+            # Only the start remains, of the first period: no θ can have caused that.
             if kept == self._steps == 1:
                 check_rate(self.plant, self._x, u, d)
             t, x = t[:kept], x[:kept]
@@ -422,6 +431,7 @@ class PlantEnv(gym.Env[Array, Array]):
             self._end = End.UNSAFE
         elif self.task.settled(step):
             self._end = End.SETTLED
+        # Sums of periods may end just below the horizon.
         elif self._t >= self.task.horizon * (1 - 1e-12):
             self._end = End.TIME_UP
         return step
@@ -460,6 +470,7 @@ class PlantEnv(gym.Env[Array, Array]):
             return np.array([self._dead_time.outputs(t, self._output_delay) for t in record.t])
         if self._outputs_are_states:
             return record.x.copy()
+        # At a sampling instant, the disturbance that is held from there on.
         held = np.searchsorted(record.t_control, record.t, side="right") - 1
         sampled = record.t_control if len(record.t_control) else record.t
         d = [self.task.disturbance(t) for t in sampled.tolist()]
@@ -503,8 +514,9 @@ class PlantEnv(gym.Env[Array, Array]):
             )
         return found
 
-    def _saturated(self, u: Array) -> Array:
+    def _saturate(self, u: Array) -> Array:
         low, high, move = self._low, self._high, self.task.max_move
+        # The largest move is from the input that acted, not from the one that was asked for.
         if move is not None:
             low, high = np.maximum(low, self._u - move), np.minimum(high, self._u + move)
         return np.asarray(np.minimum(np.maximum(u, low), high))  # faster than `clip`

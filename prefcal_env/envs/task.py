@@ -30,6 +30,7 @@ class StepSignal:
         """Return the values at time `t`, shape (n,)."""
         now = self.start
         for time, values in self.steps:
+            # From the step on: a sampling instant at the step already has the new value.
             if t >= time:
                 now = values
         return np.asarray(now, dtype=float)
@@ -167,8 +168,10 @@ class Task:
             value = getattr(self, name)
             if value is None or callable(value):
                 continue
+            # A copy: the caller's array may change while studies of this task run.
             array = numbers(value, f"task: {name}", SettingsError).copy()
             array.setflags(write=False)
+            # NaN means no reference; anywhere else it would be a number that somebody forgot.
             if not np.all(np.isfinite(array) | (np.isnan(array) & (name == "y_ref"))):
                 raise SettingsError(f"task: {name} must be finite, got {value!r}")
             object.__setattr__(self, name, array)
@@ -179,6 +182,7 @@ class Task:
             object.__setattr__(self, "T_s_range", (1e-6 * self.horizon, self.horizon))
         if self.T_s is None:
             low, high = self.T_s_range
+            # Clipped, since a stated range need not hold a share of the horizon.
             object.__setattr__(self, "T_s", min(max(self.horizon / 200, low), high))
         if self.dense_step is None:
             object.__setattr__(self, "dense_step", self.horizon / 500)
@@ -195,6 +199,7 @@ class Task:
             raise SettingsError(f"task: jitter must be at least 0 and below 0.5, got {self.jitter}")
         if self.preview < 0:
             raise SettingsError(f"task: preview must be 0 or more rows, got {self.preview}")
+        # Last, since T_s and its range may just have been derived.
         self.sampling_time(self.T_s)
 
     def sampling_time(self, T_s: Any) -> float:
@@ -211,6 +216,7 @@ class Task:
             SettingsError: If `unsafe` is vectorized and returns another shape than (M,).
         """
         if not self.vectorized:
+            # One by one, up to the first: people's own rules are written for one state.
             return next((i for i, state in enumerate(x) if self.unsafe(state)), None)
         found = np.asarray(self.unsafe(x.T))
         if found.shape != (len(x),):

@@ -79,6 +79,7 @@ class TuningEnv(gym.Env[Array, Array]):
         super().reset(seed=seed)
         if options:
             raise SettingsError(f"a tuning environment has no reset options, got {options}")
+        # Without a seed the noise stays, so that the next θ is compared with the last one under the same.
         self._seed = self._seed if seed is None else seed
         self._open = True
         return np.zeros(len(self.space), np.float32), {}
@@ -95,10 +96,12 @@ class TuningEnv(gym.Env[Array, Array]):
             raise ProtocolError("an episode is one experiment: call reset() before each")
         theta = self.theta(action)
         self._experiment = experiment = self.run(theta)
+        # After the run: if it raises, the episode is still open and can be tried again.
         self._open = False
         score = 0.0 if self._score is None else float(self._score(experiment))
         if not np.isfinite(score):
             raise ExperimentError(f"a score must be finite, got {score} at θ = {theta}")
+        # Of what ran, not of the action: several actions are rounded to the same θ.
         observation = (2 * self.space.encode(theta) - 1).astype(np.float32)
         info = {"experiment": experiment, "theta": theta}
         reward = 0.0 - score  # not -score: 0 without a score, rather than -0
@@ -126,6 +129,7 @@ class TuningEnv(gym.Env[Array, Array]):
                 f"an action must be {len(self.space)} numbers in [-1, 1], one for each of "
                 f"{self.space.names}, got {a}"
             )
+        # A frozen knob keeps its exact value, which decoding could round.
         frozen = [low for low, _ in self.space.within]
         return np.where(self.space.frozen, frozen, self.space.decode((a + 1) / 2))
 
@@ -196,6 +200,7 @@ class PreferenceReward(gym.Wrapper[Array, Array, Array, Array], gym.utils.Record
     def __init__(self, env: gym.Env[Array, Array], calibrator: Calibrator[Experiment]) -> None:
         if not isinstance(calibrator, Calibrator):
             raise SettingsError(f"calibrator must have a method prefer, got {calibrator!r}")
+        # Gymnasium makes the spec of a wrapped environment from these arguments.
         gym.utils.RecordConstructorArgs.__init__(self, calibrator=calibrator)
         super().__init__(env)
         self._calibrator = calibrator
@@ -207,6 +212,7 @@ class PreferenceReward(gym.Wrapper[Array, Array, Array, Array], gym.utils.Record
     ) -> tuple[Array, dict[str, Any]]:
         """Prepare the next experiment; with a seed, forget the incumbent."""
         observation, info = self.env.reset(seed=seed, options=options)
+        # A new seed is a new study: a best one of other noise would win or lose by luck.
         if seed is not None:
             self._incumbent, self._where = None, np.zeros_like(observation)
         return self._where.copy(), info
@@ -220,10 +226,12 @@ class PreferenceReward(gym.Wrapper[Array, Array, Array, Array], gym.utils.Record
         answer = Answer(None)
         if self._incumbent is not None:
             answer = Answer.of(self._calibrator.prefer(experiment, self._incumbent))
+        # A tie keeps the incumbent, as in every study.
         if self._incumbent is None or answer.preference is Preference.CHALLENGER:
             self._incumbent, self._where = experiment, observation.copy()
         info = info | {"incumbent": self._incumbent}
         if answer.preference is not None:
             info["preference"] = int(answer.preference)
+        # Preferences are -1 where the challenger is better (eq. pref_fun), rewards the other way round.
         reward = 0.0 if answer.preference is None else -float(answer.preference)
         return self._where.copy(), reward, terminated, truncated, info

@@ -178,7 +178,7 @@ def noise_of(t: Curve, y: Curve) -> float:
     return float(_NORMAL * np.median(np.abs(apart))) if opposite else 0.0
 
 
-def _smoothed(error: Curve, noise: float, band: float) -> Curve:
+def _smooth(error: Curve, noise: float, band: float) -> Curve:
     """Return the running median of an error over so many samples that the noise stays in the band."""
     wanted = (_SURE * noise / band) ** 2 if band > 0 else 0.0
     half = int(min(wanted, len(error) / _LONGEST)) // 2
@@ -229,7 +229,7 @@ class Response:
         smooth, events = np.empty(len(t)), []
         for each in begun:
             rows = slice(each.first, each.end)
-            smooth[rows] = _smoothed(y[rows] - r[rows], noise, each.band)
+            smooth[rows] = _smooth(y[rows] - r[rows], noise, each.band)
             stops = [*_loads(t, smooth, each.last, each.end, each.band, scale), each.end]
             if each.kind:
                 events.append(Event(each.kind, each.first, each.last, stops[0], each.size, each.band))

@@ -170,8 +170,10 @@ class Channel:
 
     def scaled(self, factor: float, offset: float = 0.0) -> Self:
         """Return the channel with each value v as factor · v + offset, under the same unit."""
+        # A negative factor turns the limits round.
         low, high = sorted((factor * self.low + offset, factor * self.high + offset))
         target = None if self.target is None else factor * self.target + offset
+        # A distance: it has no offset.
         band = None if self.band is None else abs(factor) * self.band
         return replace(self, low=low, high=high, target=target, band=band)
 
@@ -189,6 +191,7 @@ class Channels:
 class FrozenMapping(dict[str, Any]):
     """An immutable mapping that compares by value (arrays too) and can be pickled."""
 
+    # A dict, not a proxy: JSON, pickle and notebooks know dicts.
     def _refuse(self, *_: object, **__: object) -> NoReturn:
         raise TypeError(f"a {type(self).__name__} cannot be changed: make a new one")
 
@@ -264,6 +267,7 @@ class Experiment:
     def __post_init__(self) -> None:
         for name, dtype in ARRAYS.items():
             object.__setattr__(self, name, _frozen(getattr(self, name), dtype))
+        # None is something else than outputs of no length: then states of the same name stand for y.
         if self.y is not None:
             object.__setattr__(self, "y", _frozen(self.y, float))
         signals = _mapping("signals", self.signals)
@@ -274,6 +278,7 @@ class Experiment:
 
     def _check(self) -> None:
         n_x, n_u, n_y = (len(c) for c in (self.channels.x, self.channels.u, self.channels.y))
+        # A number in place of an array is told by its shape below, not by a TypeError here.
         dense, steps = len(np.atleast_1d(self.t)), len(np.atleast_1d(self.t_control))
         expected: dict[str, tuple[int, ...]] = {"t": (dense,), "x": (dense, n_x), "u": (dense, n_u)}
         expected |= {"t_control": (steps,), "u_control": (steps, n_u), "y_ref": (steps, n_y)}
@@ -285,6 +290,7 @@ class Experiment:
             shape = expected.get(name, (dense,))
             if np.shape(array) != shape:
                 raise ExperimentError(f"{name} must have shape {shape}, got {np.shape(array)}")
+        # y and y_ref may have NaN: an output that was not measured, or has no reference.
         for name in ("theta", "t", "x", "u", "t_control", "u_control"):
             if not np.isfinite(getattr(self, name)).all():
                 raise ExperimentError(f"{name} must be finite, even in a run that was stopped")
@@ -307,6 +313,7 @@ class Experiment:
     ) -> "Experiment":
         """Return an experiment of θ, physical, shape (n,), that left no record, with these KPIs."""
         x, u, y = (np.zeros((0, len(each))) for each in (channels.x, channels.u, channels.y))
+        # As its successful siblings have them: outputs that are states are not stored twice.
         measured = {(c.name, c.unit) for c in channels.y} - {(c.name, c.unit) for c in channels.x}
         none = np.zeros(0)
         return cls(
@@ -353,6 +360,7 @@ class Experiment:
         if not len(self.t):
             return self.x
         instants = np.append(self.t_control, self.t[-1])
+        # The first instant that is not earlier, but for rounding.
         nearest = np.searchsorted(self.t, instants - 1e-9 * max(1.0, abs(float(self.t[-1]))))
         return np.asarray(self.x[nearest])
 
@@ -377,6 +385,7 @@ class Experiment:
         """
         if not len(self.t_control):
             return np.full(len(self.t), np.nan)
+        # "right": at a sampling instant the new reference holds. -1 before the first one, which counts as it.
         held = np.searchsorted(self.t_control, self.t, side="right") - 1
         return np.asarray(self.y_ref[np.maximum(held, 0), index])
 
@@ -394,6 +403,7 @@ class Experiment:
             if values is not None:
                 columns[channel.label] = values
         for group, values in ((self.channels.x, self.x), (self.channels.u, self.u)):
+            # An output that is also a state would be two columns of one name.
             columns |= {c.label: values[:, i] for i, c in enumerate(group) if c.label not in columns}
         columns |= {k: v for k, v in self.signals.items() if k not in columns}
         unit = self.channels.time_unit
@@ -413,6 +423,7 @@ class Experiment:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Experiment):
             return NotImplemented
+        # How long a machine took does not make it another experiment: else no run could be repeated.
         names = (f.name for f in fields(self) if f.name != "solve_time")
         return all(_same(getattr(self, n), getattr(other, n)) for n in names)
 
@@ -468,18 +479,21 @@ def _checked_kpis(kpis: object) -> FrozenMapping:
 def _is_number(value: object) -> bool:
     if isinstance(value, float):
         return True
+    # numpy's numbers, and arrays without a dimension, which libraries return.
     found = np.asarray(value)
     return not found.ndim and found.dtype.kind in "biuf"
 
 
 def _frozen(values: Any, dtype: Any) -> np.ndarray:
     array = np.array(values, dtype=dtype)
+    # A copy was made above, so the caller's array stays writable.
     array.setflags(write=False)
     return array
 
 
 def _same(a: Any, b: Any) -> bool:
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
+        # NaN is equal here: a missing reference is the same in both. Only floats can be asked for it.
         return np.array_equal(a, b, equal_nan=a.dtype.kind == "f" and b.dtype.kind == "f")
     if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
         return False
@@ -552,6 +566,7 @@ def instants(t: float, end: float, dense_step: float) -> Float[np.ndarray, " M"]
 
     Multiples that coincide with `t` or `end` are left out, so that no instant appears twice.
     """
+    # Multiples of the step from 0 on, so that runs with different T_s share their instants.
     close = 1e-9 * dense_step
     first = floor((t + close) / dense_step) + 1
     last = ceil((end - close) / dense_step)

@@ -145,7 +145,7 @@ class Panel:
             if key and key not in experiment.signals:
                 raise ScenarioError(
                     f"panel {self.name!r}: no signal is called {key!r} to draw the {what}; "
-                    f"there are {_quoted(experiment.signals) or 'none'}"
+                    f"there are {_quote(experiment.signals) or 'none'}"
                 )
         return plot
 
@@ -222,6 +222,7 @@ def plot_called(
         ScenarioError: If no channel or signal, or more than one, has this name.
     """
     pool = _of_kind(kind, channels, signals) if kind else plots_of(channels, signals)
+    # Names first: a symbol is short, and may be the name of another channel.
     found = [p for p in pool if p.name == name] or [p for p in pool if p.channel.symbol == name]
     if len(found) == 1:
         return _with_reference(found[0], signals)
@@ -234,7 +235,7 @@ def plot_called(
     there = {kind: [c.name for c in getattr(channels, kind)] for kind in ("x", "u", "y")}
     there["signal"] = list(signals)
     hint = did_you_mean(name, [each for names in there.values() for each in names])
-    listed = "; ".join(f"{KINDS[k]} {_quoted(names)}" for k, names in there.items() if names)
+    listed = "; ".join(f"{KINDS[k]} {_quote(names)}" for k, names in there.items() if names)
     where = f"of kind {kind!r} " if kind else ""
     raise ScenarioError(
         f"{what} {name!r}: no channel or signal {where}has this name; there are {listed or 'none'}.{hint}"
@@ -247,7 +248,7 @@ def output_called(name: str, channels: Channels, signals: Collection[str] = ()) 
     if name in names:
         return names.index(name)
     raise ScenarioError(
-        f"no output with a reference is called {name!r}; there are {_quoted(names) or 'none'}."
+        f"no output with a reference is called {name!r}; there are {_quote(names) or 'none'}."
         f"{did_you_mean(name, names)}"
     )
 
@@ -263,6 +264,7 @@ def plots_of(channels: Channels, signals: Collection[str] = ()) -> tuple[Plot, .
     places = {p.name: i for i, p in enumerate(found) if p.kind == "x"}
     for output in outputs:
         place, aim = places.get(output.name), output.channel
+        # In another unit it is another curve, although the name is the same.
         if place is None or not same(found[place].channel.unit, aim.unit):
             found.append(output)
         elif found[place].channel.target is None:
@@ -288,6 +290,7 @@ def _of_kind(kind: str, channels: Channels, signals: Collection[str]) -> tuple[P
     found = tuple(_numbered(kind, getattr(channels, kind)))
     if kind != "x":
         return found
+    # States with the targets of the outputs that they also are.
     merged = {(p.name, p.nth): p for p in plots_of(channels) if p.kind == "x"}
     return tuple(merged[p.name, p.nth] for p in found)
 
@@ -313,7 +316,7 @@ def _data(experiment: Experiment, plot: Plot) -> Float[np.ndarray, " K"] | None:
     return np.asarray(array[:, places[plot.nth]])
 
 
-def _quoted(names: Collection[str]) -> str:
+def _quote(names: Collection[str]) -> str:
     return ", ".join(repr(name) for name in names)
 
 
@@ -354,6 +357,7 @@ def combined(
     _check(runs)
     names = dict.fromkeys(name for run in runs for name in run.kpis)
     unknown = sorted({*higher_is_better, *targets} - set(names))
+    # An interrupted run may lack the KPI that is named, so that the name need not be a mistake.
     if unknown and names and not any(run.end.interrupted for run in runs):
         raise ExperimentError(
             f"higher_is_better and targets must name KPIs of the maneuvers, got {unknown}; "
@@ -363,6 +367,7 @@ def combined(
     return replace(
         runs[0],
         kpis=_kpis(runs, badness),
+        # As good as its worst maneuver: one that was unsafe makes the whole θ unsafe.
         end=max((run.end for run in runs), key=BEST_FIRST.index),
         runs=tuple(runs),
         maneuver="",
@@ -466,6 +471,7 @@ def _kpis(runs: Sequence[Experiment], badness: Mapping[str, Callable[[float], fl
     known = {
         name: [float(run.kpis[name]) for run in runs if name in run.kpis]
         for name in badness
+        # What an interrupted maneuver would have had is unknown: it could be the worst of all.
         if all(name in run.kpis or not run.end.interrupted for run in runs)
     }
     # NaN is worse than any number.

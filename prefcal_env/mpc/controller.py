@@ -82,6 +82,7 @@ class MPCSettings:
     tolerances: Tolerances = field(default_factory=Tolerances)
 
     def __post_init__(self) -> None:
+        # Arrays could be changed behind the frozen settings, and two equal ones would not compare.
         for f in fields(self):
             object.__setattr__(self, f.name, _tuple(getattr(self, f.name)))
         for name in ("T_s", "Q_eps"):
@@ -93,6 +94,7 @@ class MPCSettings:
                 weights(name, getattr(self, name))
         for what in ("u", "du", "y"):
             low, high = getattr(self, f"{what}_min"), getattr(self, f"{what}_max")
+            # Limits of which one is the plant's are compared later, in `_limits`, where the plant is known.
             if None not in (low, high) and not np.all(np.asarray(low) <= np.asarray(high)):
                 raise SettingsError(f"{what}_min must not be above {what}_max, got {low}, {high}")
         if self.linearization not in get_args(Linearization):
@@ -120,6 +122,7 @@ class MPCSettings:
 
 def control_horizon(share: float, N_p: int) -> int:
     """Return N_u = max(1, `share` of N_p, rounded half up); the paper does not say how to round."""
+    # Not `round`, which rounds halves to even: 0.5 · 25 would be 12, and 0.5 · 27 be 14.
     return max(1, int(np.floor(share * N_p + 0.5)))
 
 
@@ -154,6 +157,7 @@ class LinearMPC:
         n_u, n_y = len(plant.inputs), len(plant.outputs)
         Q_u = weights("Q_u", np.zeros(n_u) if settings.Q_u is None else settings.Q_u, n_u)
         Q_y, Q_du = weights("Q_y", settings.Q_y, n_y), weights("Q_du", settings.Q_du, n_u)
+        # Relative to the weights: only their ratios change the minimizer of eq. MPC.
         floor = 1e-10 * max(Q_y.max(), Q_u.max(), Q_du.max())
         if floor <= 0:
             raise SettingsError("Q_y, Q_u and Q_du must not all be zero: there is nothing to weigh")
@@ -171,7 +175,9 @@ class LinearMPC:
         soft = bool(np.isfinite(y_min).any() or np.isfinite(y_max).any())
         self._equations = equations_of(self.plant)
         cube, matrix = np.zeros((0, 0, 0)), np.zeros((0, 0))
+        # Empty: then the compiled step linearizes by itself, at the measured point.
         self._at_point = cube, cube, matrix, cube, cube, matrix
+        # Without soft limits no output is predicted as a row of the QP, and there is no slack.
         horizons = float(s.T_s), s.N_p, s.N_u, s.N_p if soft else 0
         self._problem = horizons, roots, hard, (y_min, y_max, give)
         stop = s.tolerances
@@ -204,6 +210,7 @@ class LinearMPC:
         """
         self._check(measurement)
         data = self._data(measurement)
+        # One call from Python a step: each crossing to compiled code packs all arguments anew.
         how, iterations, plan, U, *rows_of_qp = kernels.decide(*data, *self._problem, self._solver)
         self._equations.check()
         if how == kernels.NOT_FINITE:
@@ -217,6 +224,7 @@ class LinearMPC:
                 how, more, plan, *_ = kernels.decide(*data, *self._problem, (True, *self._solver[1:]))
                 iterations += more
         solved = how == kernels.DECIDED
+        # A plan that was not applied is no trajectory to linearize along (eq. MPCsys).
         self._plan = plan if solved else None
         return Move(plan[0] if solved else measurement.u, iterations, solved=solved)
 
@@ -268,10 +276,12 @@ class LinearMPC:
         N_p, period = self.settings.N_p, np.array([self.settings.T_s])
         V = np.tile(u, (N_p, 1))
         if self._plan is not None:
+            # The last plan began one period ago: its first input has acted, and its last one is held.
             shifted = self._plan[1:]
             V[: len(shifted)], V[len(shifted) :] = shifted, self._plan[-1]
         X = np.tile(x, (N_p + 1, 1))
         for k in range(N_p):
+            # Beyond the preview the last known disturbance stays.
             following = self.plant.hold(X[k], V[k], d[min(k, len(d) - 1)], period)[0]
             X[k + 1] = following if np.isfinite(following).all() else X[k]
         return X, V
@@ -322,6 +332,7 @@ def _limits(plant: Plant, s: MPCSettings) -> tuple[tuple[np.ndarray, ...], tuple
         )
     if np.any(softness < 0):
         raise SettingsError(f"softness must be 0 or more, got {softness}")
+    # With ε in units of 1/√Q_ε, its weight is 1 as that of all deviations v.
     soft = limit("y_min", n_y, -np.inf), limit("y_max", n_y, np.inf), softness / np.sqrt(s.Q_eps)
     return (u_min, u_max, du_min, du_max), soft
 
@@ -329,6 +340,7 @@ def _limits(plant: Plant, s: MPCSettings) -> tuple[tuple[np.ndarray, ...], tuple
 def _root(Q: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "r n"]:
     """Return rows L with LᵀL = Q, as many as the rank of Q."""
     values, vectors = np.linalg.eigh(Q)
+    # A weight of 0 is no row: each row of the root costs time in every step.
     kept = values > 1e-14 * max(values.max(), 0.0)
     return np.ascontiguousarray((vectors[:, kept] * np.sqrt(values[kept])).T)
 

@@ -78,6 +78,7 @@ class ExtendedKalmanFilter:
         if not 0 < T_s < np.inf:
             raise SettingsError(f"T_s must be positive and finite, got {T_s}")
         self.plant, self.T_s = plant, T_s
+        # Without disturbances of its own, `Disturbed` is the plant itself: then one code serves both.
         model = self._model = plant if isinstance(plant, Disturbed) else Disturbed(plant)
         self._n_x, n_y = len(plant.states), len(plant.outputs)
         self._Q = weights("Q", Q, self._n_x + len(model.offsets))
@@ -98,6 +99,7 @@ class ExtendedKalmanFilter:
             return StateEstimate(mean, np.full_like(self._Q, np.inf))
         # The Jacobian at the middle of each piece: a midpoint rule, of second order in its length.
         equations, middles = self._model.equations, np.ascontiguousarray(states[::2])
+        # A copy: frozen arrays are of another type, for which numba would compile again.
         P, T = estimate.covariance.copy(order="C"), self.T_s / _PIECES
         covariance = kernels.carried(equations.packed, middles, u, d, P, self._Q, T, len(self._R))
         equations.check()
@@ -193,6 +195,7 @@ class DisturbanceEstimator:
         s = settings
         self.model = Disturbed(plant, s.on_outputs, s.on_inputs)
         n_x, n_y, n_o = len(plant.states), len(plant.outputs), len(self.model.offsets)
+        # With more, even data without noise could be explained in several ways (Pannocchia, Rawlings).
         if n_o > n_y:
             raise SettingsError(f"estimator: {n_o} disturbances are too many for {n_y} outputs")
         process, drift = vector("process", s.process, n_x), vector("drift", s.drift, n_o)
@@ -225,6 +228,7 @@ class DisturbanceEstimator:
         """
         m = measurement
         d = m.d if m.d.ndim == 2 else m.d[None]
+        # Of the plant without disturbances: what is measured holds them already.
         y = self.model.plant.g(m.x, m.u, d[0])
         if self._estimate is None:
             self._check_rank(m, d[0])

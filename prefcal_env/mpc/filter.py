@@ -20,12 +20,14 @@ def linearize(equations, x, u, d, n_y):  # type: ignore[no-untyped-def]
     n_x, n_p = len(x), len(on_y)
     n = n_x + n_p + len(on_u)
     of_x, of_u = np.empty((n_y, n_x)), np.empty((n_y, len(u)))
+    # The rows of p and w stay 0: disturbances that integrate have no rate of their own.
     A, C = np.zeros((n, n)), np.zeros((n_y, n))
     A_x, B = jacobians(equations, x, u, d, of_x, of_u)
     for i in range(n_x):
         for j in range(n_x):
             A[i, j] = A_x[i, j]
         for j in range(len(on_u)):
+            # w acts where the input does, so its column is that of the input.
             A[i, n_x + n_p + j] = B[i, on_u[j]]
     for i in range(n_y):
         for j in range(n_x):
@@ -33,6 +35,7 @@ def linearize(equations, x, u, d, n_y):  # type: ignore[no-untyped-def]
         for j in range(len(on_u)):
             C[i, n_x + n_p + j] = of_u[i, on_u[j]]
     for j in range(n_p):
+        # p is added to its output as it is.
         C[on_y[j], n_x + j] = 1.0
     return A, C
 
@@ -41,9 +44,11 @@ def linearize(equations, x, u, d, n_y):  # type: ignore[no-untyped-def]
 def carried(equations, middles, u, d, P, Q, T, n_y):  # type: ignore[no-untyped-def]
     """Return the covariance F P Fᵀ + Q after pieces of length T, linearized in their middles."""
     n = P.shape[0]
+    # Only F is needed: inputs and drift shift the mean alone.
     F, no_input, no_drift = np.eye(n), np.zeros((n, 0)), np.zeros(n)
     for k in range(len(middles)):
         A, _ = linearize(equations, middles[k], u, d, n_y)
+        # From the left: the last piece acts last.
         F = multiply(discretize(A, no_input, no_drift, T)[0], F)
     return _sum(_sandwich(F, P), Q)
 
@@ -59,8 +64,10 @@ def updated(equations, x, u, d, P, R, y):  # type: ignore[no-untyped-def]
     predicted, mean = np.empty(n_y), np.empty(n)
     outputs(equations, x, u, d, predicted)
     CP = multiply(C, P)
+    # The Kalman gain P Cᵀ (C P Cᵀ + R)⁻¹; its inverse exists, since every output has some noise.
     K = _gain(_sum(_sandwich(C, P), R), CP)
     for i in range(n):
+        # p and w stand at the end of d, behind the measured disturbances.
         mean[i] = x[i] if i < len(x) else d[len(d) - n + i]
         for j in range(n_y):
             mean[i] += K[i, j] * (y[j] - predicted[j])
@@ -69,6 +76,7 @@ def updated(equations, x, u, d, P, R, y):  # type: ignore[no-untyped-def]
         for j in range(n):
             for q in range(n_y):
                 kept[i, j] -= K[i, q] * C[q, j]
+    # (1 - K C) P (1 - K C)ᵀ + K R Kᵀ: (1 - K C) P alone is as good on paper, and loses its symmetry here.
     return mean, _sum(_sandwich(kept, P), _sandwich(K, R))
 
 
@@ -104,6 +112,7 @@ def _gain(S, CP):  # type: ignore[no-untyped-def]
             rest = S[i, j]
             for q in range(j):
                 rest -= L[i, q] * L[j, q]
+            # Rounding may leave less than 0 where outputs are nearly the same.
             L[i, j] = math.sqrt(max(rest, 0.0)) if i == j else rest / L[j, j]
     for a in range(n):
         for i in range(n_y):
@@ -111,6 +120,7 @@ def _gain(S, CP):  # type: ignore[no-untyped-def]
             for q in range(i):
                 rest -= L[i, q] * K[a, q]
             K[a, i] = rest / L[i, i]
+        # Forward with L above, backward with Lᵀ here: two triangular solves instead of an inverse.
         for i in range(n_y - 1, -1, -1):
             for q in range(i + 1, n_y):
                 K[a, i] -= L[q, i] * K[a, q]

@@ -40,6 +40,7 @@ def _jacobians(x, u, d, p, out):  # type: ignore[no-untyped-def]
     out[9], out[10] = c, -v * s
     out[11], out[12] = s, v * c
     out[13], out[14] = math.sin(u[1]) / p[0], v * math.cos(u[1]) / p[0]
+    # C of 3 × 3 begins at 9 + 6; its diagonal is every fourth number.
     out[15], out[19], out[23] = 1.0, 1.0, 1.0
 
 
@@ -121,6 +122,7 @@ def _hold(x_f, y_f, yaw, v, steering, length, times):  # type: ignore[no-untyped
         if half == 0:
             half = _SMALLEST
         chord = v * times[i] * (math.sin(half) / half)
+        # The front wheel points in yaw + δ_s; the chord, halfway between start and end.
         direction = yaw + steering + turned / 2
         states[i, 0] = x_f + chord * math.cos(direction)
         states[i, 1] = y_f + chord * math.sin(direction)

@@ -86,7 +86,8 @@ class FunctionPlant:
             raise PlantError(f"delay must be 0 {time_unit} or more, got {self.input_delay}")
         self.x0 = None if x0 is None else plant_numbers("x0", x0, len(self.states))
         self.u0 = None if u0 is None else plant_numbers("u0", u0, len(self.inputs))
-        self._f, self._g = self._adapted(f), self._adapted(g)
+        # Once, here: to look for a world at every call would take longer than the equation.
+        self._f, self._g = self._adapt(f), self._adapt(g)
         self._equations: Equations | None = None
         self._called_back: Equations | None = None
 
@@ -94,6 +95,7 @@ class FunctionPlant:
         """Return the state derivative, per `time_unit`; NaN where it overflows."""
         try:
             values = np.asarray(self._f(x, u, d), dtype=float)
+        # Python raises where numpy returns infinity or NaN, as in 1.0 / 0.0: both end the run, not the study.
         except ArithmeticError:
             return np.full(len(self.states), np.nan)
         whole = values.shape == (len(self.states),)
@@ -119,6 +121,7 @@ class FunctionPlant:
         equations = self.equations or self._called_back
         if equations is None:
             equations = self._called_back = equations_of(self)
+        # A step that is too long may overflow; the integrator refuses it, and tries a shorter one.
         with np.errstate(all="ignore"):
             states = integrate(equations, x, u, d, times, step)
         if equations.callbacks is not None:
@@ -148,10 +151,11 @@ class FunctionPlant:
         equation, n_x = self._f if name == "f" else self._g, len(self.states)
         if isinstance(equation, ExactEquation):
             return equation.jacobian(x, u, d)
+        # Not by d: no controller moves a disturbance.
         point = np.concatenate([x, u])
         return derivative(lambda p: self._values(name, p[:n_x], p[n_x:], d), point)
 
-    def _adapted(self, equation: Any) -> Any:
+    def _adapt(self, equation: Any) -> Any:
         """Return a function of an optional world as an equation, and anything else unchanged."""
         world = None if isinstance(equation, ExactEquation) else world_of(equation)
         if world is None or not world.equations:
@@ -164,6 +168,7 @@ class FunctionPlant:
         if name == "g" and self._g is None:
             return np.array(x)
         equation, channels = (self._f, self.states) if name == "f" else (self._g, self.outputs)
+        # Of any type: complex steps (see `derivative`) must pass.
         values = np.asarray(equation(x, u, d))
         if values.shape != (len(channels),):
             raise PlantError(

@@ -199,6 +199,7 @@ class Callbacks:
                 x_, u_, d_ = views[x, n_x].copy(), views[u, n_u].copy(), views[d, n_d].copy()
                 target[:] = method(x_, u_, d_)
             except BaseException as error:  # C cannot raise; `check` does
+                # The first error is the cause of what follows; a mistake comes before an error of the domain.
                 kept = getattr(self._kept, "error", None)
                 if kept is None or (_is_mistake(error) and not _is_mistake(kept)):
                     self._kept.error = error
@@ -230,6 +231,7 @@ class _Views(dict[tuple[int | None, int], Float[np.ndarray, " _"]]):
 
     def __missing__(self, key: tuple[int | None, int]) -> Float[np.ndarray, " _"]:
         """Return an array of the numbers at an address."""
+        # Solvers allocate anew, so addresses are not repeated for ever.
         if len(self) >= 1000:
             self.clear()
         address, n = key
@@ -366,10 +368,12 @@ def integrate(equations: Equations, x: X, u: U, d: D, times: Times, max_step: fl
     explicit = _dop853().integrate
     # Copies: a read-only array is another type, for which numba compiles again.
     arrays = tuple(np.array(v, dtype=float) for v in (x, u, d, equations.parameters, times))
+    # Explicit first: most plants are not stiff, and it is compiled.
     states, stiff = explicit(equations.f, *arrays, max_step, False)
     if stiff:
         states = _implicit(max_step, equations.f, *arrays)
     if states is None:
+        # Where both fail f jumps: now steps of a thousandth are taken, whatever their error.
         states, _ = explicit(equations.f, *arrays, max_step, True)
     return np.asarray(states)
 
@@ -397,8 +401,10 @@ def _implicit(
     def rate(_: float, x: X) -> X:
         nonlocal evaluations
         evaluations += 1
+        # Where f jumps again and again, its steps become ever shorter, and it would not end.
         if evaluations > 10_000:
             raise _TooManyError
+        # A copy: the solver's array need not be contiguous, which C takes for granted.
         point, out = np.array(x, dtype=float), np.empty(len(x))
         call(point.ctypes.data, *fixed, out.ctypes.data)
         return out

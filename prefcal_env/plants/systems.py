@@ -86,6 +86,7 @@ class LinearSystem:
         """Return the transfer function at numbers s, for a discrete system at z = exp(s dt)."""
         point = np.asarray(np.exp(s * self.dt) if self.dt else s)
         resolvent = point[..., None, None] * np.eye(len(self.A)) - self.A
+        # One solve for all frequencies: an inverse would lose digits near a pole.
         B = np.broadcast_to(self.B.astype(complex), (*point.shape, *self.B.shape))
         return np.asarray(self.C @ np.linalg.solve(resolvent, B) + self.D)
 
@@ -95,6 +96,7 @@ class LinearSystem:
             return held(self.A, self.B, T)
         n, m, _ = self.sizes
         once = np.block([[self.A, self.B], [np.zeros((m, n)), np.eye(m)]])
+        # With the input as a state that stays, one power gives A_d and B_d.
         E = np.linalg.matrix_power(once, round(T / self.dt))
         return E[:n, :n], E[:n, n:]
 
@@ -102,6 +104,7 @@ class LinearSystem:
     def owned(self) -> Bool[np.ndarray, "n_x n_u"]:
         """Return which states each input drives, directly or through other states."""
         linked, reached = self.A != 0, self.B != 0
+        # As many rounds as states: no chain of states is longer.
         for _ in self.A:
             reached = reached | (linked.astype(int) @ reached > 0)
         return np.asarray(reached)
@@ -129,6 +132,7 @@ def held(
     from scipy.linalg import expm  # takes a while to import
 
     n, m = B.shape
+    # Exact also where A is singular, where A⁻¹ (A_d - 1) B is not defined.
     E = expm(np.block([[A, B], [np.zeros((m, n + m))]]) * T)
     return E[:n, :n], E[:n, n:]
 
@@ -145,7 +149,7 @@ def system_of(system: Any) -> LinearSystem:
 
     Transfer functions are realized entry by entry in controllable canonical form, which is exact
     but has more states than needed if the entries share poles. Before that, rounding and common
-    factors are left out, see `_cleaned`; matrices stay as they are.
+    factors are left out, see `_clean`; matrices stay as they are.
 
     Args:
         system: StateSpace or TransferFunction of python-control or scipy.signal (continuous or
@@ -224,7 +228,7 @@ def of_fractions(num: list[list[Any]], den: list[list[Any]], dt: float = 0.0) ->
     """
     rows = zip(num, den, strict=True)
     grid = [[_canonical(*entry, dt) for entry in zip(*row, strict=True)] for row in rows]
-    return _assembled(grid, dt)
+    return _assemble(grid, dt)
 
 
 def _grid(system: Sequence[Any]) -> bool:
@@ -248,10 +252,10 @@ def _of_grid(rows: Sequence[Sequence[Any]]) -> LinearSystem:
             "rows of transfer functions must have the same length and sample time, and each entry "
             f"one input and one output, got (shape, dt) {sizes}"
         )
-    return _assembled(grid, max(steps, default=0.0))
+    return _assemble(grid, max(steps, default=0.0))
 
 
-def _assembled(grid: Sequence[Sequence[LinearSystem]], dt: float) -> LinearSystem:
+def _assemble(grid: Sequence[Sequence[LinearSystem]], dt: float) -> LinearSystem:
     """Return the matrix of systems of one input and one output, one after the other."""
     n_x = sum(len(entry.A) for row in grid for entry in row)
     n_y, n_u = len(grid), len(grid[0])
@@ -272,7 +276,7 @@ _SHARED = 1e-9  # the same for a numerator at a pole: the pole is one of its zer
 _MARGINAL = 1e-6  # distance of a pole from the limit of stability, relative to its size, that is none
 
 
-def _cleaned(num: Any, den: Any, dt: float) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+def _clean(num: Any, den: Any, dt: float) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
     """Return num and den without rounding and common factors, and what was left out.
 
     Rounding are leading coefficients that contribute less than 1e-12 of the polynomial where s is as
@@ -352,7 +356,7 @@ def _terms(polynomial: np.ndarray, size: float) -> np.ndarray:
 
 def _canonical(num: Any, den: Any, dt: float = 0.0) -> LinearSystem:
     """Return num/den, polynomials with the highest power first, without its sample time."""
-    b, a, cleaned = _cleaned(num, den, dt)
+    b, a, cleaned = _clean(num, den, dt)
     if len(b) > len(a):
         raise PlantError(
             f"a transfer function must be proper, got degree {len(b) - 1} over {len(a) - 1}: add "
@@ -461,8 +465,9 @@ class LinearPlant:
         n_d = len(_listed(disturbances))
         if n_all <= n_d or n_y == 0:
             raise PlantError(f"a plant needs an input and an output, got D of shape {(n_y, n_all)}")
-        shared, entries = _shared(delay, n_y, n_all - n_d)
+        shared, entries = _split_delay(delay, n_y, n_all - n_d)
         before = len(made.A)
+        # A dead time of one entry delays only what this input does: so its states must be its own.
         made = made.separated() if entries.any() else made
         n_x, names = len(made.A), made.inputs or None
         self.system, self.name, self.time_unit = made, name, time_unit
@@ -511,6 +516,7 @@ class LinearPlant:
         n_u, C, D = len(self.inputs), self.system.C, self.system.D
         found = np.zeros((len(self.outputs), n_u + 1))
         found[:, :n_u] = C @ (x[:, None] * self._owned) + D[:, :n_u] * u
+        # What is left: the states that no input drives, and the disturbances.
         found[:, n_u] = self.g(x, u, d) - found[:, :n_u].sum(axis=1)
         return found
 
@@ -577,6 +583,7 @@ class LinearPlant:
         from scipy.linalg import logm
 
         n_x, n_u, _ = self.system.sizes
+        # The logarithm of such a pole is complex or infinite: no real ẋ has these samples.
         values = np.linalg.eigvals(self.system.A)
         if n_x and np.any((np.abs(values.imag) < 1e-12) & (values.real < 1e-12)):
             raise PlantError(
@@ -627,7 +634,7 @@ def motion(plant: Any, x: X, u: U, d: D) -> tuple[X, Float[np.ndarray, "n_x n_x"
     return np.asarray(plant.f(x, u, d)), np.asarray(plant.jacobians(x, u, d).A)
 
 
-def _shared(delay: Any, n_y: int, n_u: int) -> tuple[Any, Float[np.ndarray, "rows n_u"]]:
+def _split_delay(delay: Any, n_y: int, n_u: int) -> tuple[Any, Float[np.ndarray, "rows n_u"]]:
     """Return the dead time of the inputs, and what is left for each entry, without rows if 0."""
     none = np.zeros((0, n_u))
     if np.ndim(delay) != 2:
@@ -638,6 +645,7 @@ def _shared(delay: Any, n_y: int, n_u: int) -> tuple[Any, Float[np.ndarray, "row
             f"each of {n_u} inputs, got shape {np.shape(delay)}"
         )
     matrix = plant_numbers("delay", np.ravel(delay), n_y * n_u).reshape(n_y, n_u)
+    # What is common to all outputs can be at the input, where it costs no copy of the states.
     shared = matrix.min(axis=0)
     return shared, (matrix - shared if (matrix > shared).any() else none)
 

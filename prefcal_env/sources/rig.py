@@ -82,7 +82,7 @@ class Rig(Source):
                 f"y_ref must hold a finite reference for each of {len(self.channels.y)} outputs, "
                 f"got {self.y_ref}"
             )
-        signals = [c.name for c in self.recorded]
+        signals = [c.name for c in self.kept_channels]
         names = (TIME, *signals, *(f"{c.name} ref" for c in self.channels.y))
         unknown = [name for name in self.headings if name not in names]
         if unknown:
@@ -115,7 +115,7 @@ class Rig(Source):
     @property
     def _units(self) -> dict[str, str]:
         """Unit of each column that a record must have, by its heading, time first."""
-        signals = {self._called(c.name): c.unit for c in self.recorded}
+        signals = {self._called(c.name): c.unit for c in self.kept_channels}
         return {self._called(TIME): self.channels.time_unit, **signals}
 
     @property
@@ -124,7 +124,7 @@ class Rig(Source):
         return {self._called(f"{c.name} ref"): c.unit for c in self.channels.y}
 
     @property
-    def recorded(self) -> tuple[Channel, ...]:
+    def kept_channels(self) -> tuple[Channel, ...]:
         """Channels with a column, in the order of the columns."""
         return (*self.channels.x, *self._measured, *self.channels.u)
 
@@ -155,7 +155,7 @@ class Rig(Source):
         """
         end = End.UNSAFE if unsafe else End.TIME_UP
         made = self._of(self._values(source), theta, end)
-        return made if self.kpis is None else replace(made, kpis=_computed(self.kpis, made))
+        return made if self.kpis is None else replace(made, kpis=_compute(self.kpis, made))
 
     def example(self, theta: Float[np.ndarray, " n"]) -> Experiment:
         """Return the experiment of a physical θ, shape (n,), from a made-up record.
@@ -164,7 +164,7 @@ class Rig(Source):
             ScenarioError: If the rig refuses it.
         """
         values = []
-        for channel in self.recorded:
+        for channel in self.kept_channels:
             limits = self.ranges.get(channel.name, (channel.low, channel.high))
             finite = [float(v) for v in limits if np.isfinite(v)]
             values.append(sum(finite) / len(finite) if finite else 1.0)
@@ -202,7 +202,7 @@ class Rig(Source):
         known = {**self._units, **self._optional}
         wanted = {*known, *(labeled(n, u) for n, u in known.items())}
         stamps = () if self.time_format is None else (self._called(TIME),)
-        sheet = self._tidied(sheet_of(source, wanted, stamps), known)
+        sheet = self._tidy(sheet_of(source, wanted, stamps), known)
         places, count = self._places(sheet, known), len(sheet.frame)
         if count < 2:
             raise RecordError(f"a record needs 2 rows of values or more, got {count}")
@@ -217,7 +217,7 @@ class Rig(Source):
         _refuse(problems)
         return values
 
-    def _tidied(self, sheet: Sheet, known: Collection[str]) -> Sheet:
+    def _tidy(self, sheet: Sheet, known: Collection[str]) -> Sheet:
         """Return the sheet with a column for each tag, and gaps for values of bad quality."""
         time = None
         with suppress(RecordError):  # a time that is called twice is reported with the other problems
@@ -342,7 +342,7 @@ class Rig(Source):
         return np.hstack([x, measured])[:, places]
 
 
-def _computed(kpis: Callable[[Experiment], Mapping[str, float]], made: Experiment) -> dict[str, float]:
+def _compute(kpis: Callable[[Experiment], Mapping[str, float]], made: Experiment) -> dict[str, float]:
     try:
         return {str(name): float(value) for name, value in computed(kpis, made).items()}
     except Exception as error:

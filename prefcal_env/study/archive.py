@@ -228,7 +228,7 @@ def _event_findings(rows: list[tuple[Any, ...]]) -> Iterator[str]:
         yield "there are no events"
     payloads = {seq for seq, _, _, size, _ in rows if size is not None}
     try:
-        for recorded, _ in file.recorded(rows):
+        for recorded, _ in file.read_events(rows):
             seq, at, event = recorded.seq, recorded.at, recorded.event
             file.check_experiment(seq, event, seq in payloads, experiments.__contains__)
             state = begin(seq, at, event) if state is None else step(state, seq, at, event)
@@ -264,7 +264,7 @@ class _Export(msgspec.Struct, forbid_unknown_fields=True):
     format: int = msgspec.field(name="prefcal study")
 
 
-class _Header(msgspec.Struct):
+class _ExportHeader(msgspec.Struct):
     """The part of an export that tells whether the rest can be read."""
 
     format: int = msgspec.field(name="prefcal study")
@@ -302,7 +302,7 @@ def import_json(text: str, path: Path | str) -> Path:
 
 def _rows(text: str) -> list[tuple[Recorded, bytes | None]]:
     try:
-        version = msgspec.json.decode(text, type=_Header).format
+        version = msgspec.json.decode(text, type=_ExportHeader).format
         if version != FORMAT:
             raise StudyError(
                 f"this is an exported study of format {version}, this prefcal reads format {FORMAT} only"

@@ -157,11 +157,11 @@ _EVENTS = (
 
 
 def events(connection: sqlite3.Connection) -> list[tuple[Any, ...]]:
-    """Return what `recorded` reads of every event; payloads stay in the file."""
+    """Return what `read_events` reads of every event; payloads stay in the file."""
     return connection.execute(_EVENTS).fetchall()
 
 
-def recorded(rows: list[tuple[Any, ...]]) -> Iterator[tuple[Recorded, int]]:
+def read_events(rows: list[tuple[Any, ...]]) -> Iterator[tuple[Recorded, int]]:
     """Yield each event with its checksum, from what `events` returned.
 
     Raises:
@@ -671,7 +671,7 @@ class StudyFile:
         self._connection.execute("COMMIT")
 
     def _load(self) -> None:
-        for recorded, checksum in self._recorded():
+        for recorded, checksum in self._events():
             seq, at, event = recorded.seq, recorded.at, recorded.event
             unbegun = self.state is _UNBEGUN
             self._take(event, begin(seq, at, event) if unbegun else step(self.state, seq, at, event))
@@ -679,11 +679,11 @@ class StudyFile:
         if not self._last:
             raise StudyError(f"there are no events in {self.path}. {_UNTOUCHED}")
 
-    def _recorded(self) -> Iterator[tuple[Recorded, int]]:
+    def _events(self) -> Iterator[tuple[Recorded, int]]:
         with self._lock, told(self.path, "read"):
             rows = events(self._connection)
         try:
-            yield from recorded(rows)
+            yield from read_events(rows)
         except StudyError as error:
             raise StudyError(f"{self.path}: {error}. {_UNTOUCHED}") from error
 
@@ -696,7 +696,7 @@ class StudyFile:
 
     def events(self) -> Iterator[Recorded]:
         """Yield all events in order, without payloads."""
-        return (recorded for recorded, _ in self._recorded())
+        return (recorded for recorded, _ in self._events())
 
     def experiment(self, seq: int) -> Experiment:
         """Return the experiment of event `seq`. Raises StudyError if it has none."""

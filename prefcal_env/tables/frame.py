@@ -167,13 +167,13 @@ class TableColumns:
         used = _Used.of(sheet_of(table, wanted), self).ordered()
         most = self.max_rows
         if most is None or self.resample is not None or len(used.t) <= most:
-            return used.recorded(theta, self.kpis, self.end)
-        kept = used.taken(extreme_rows(list(used.values.values()), most))
+            return used.to_experiment(theta, self.kpis, self.end)
+        kept = used.take(extreme_rows(list(used.values.values()), most))
         if self.kpis is None:
-            return kept.recorded(theta, None, self.end)
+            return kept.to_experiment(theta, None, self.end)
         # The extremes that are kept for plots are no fair sample of the errors and moves.
-        every = used.recorded(theta, self.kpis, self.end)
-        return kept.recorded(theta, None, every.end).with_kpis(every.kpis)
+        every = used.to_experiment(theta, self.kpis, self.end)
+        return kept.to_experiment(theta, None, every.end).with_kpis(every.kpis)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -217,7 +217,7 @@ class _Used:
         values = {name: sheet.converted(place, given[name]) for name, place in places.items()}
         return cls(sheet, about, sheet.name(time), unit, t, np.arange(len(t)), outputs, places, values)
 
-    def taken(self, kept: Int[np.ndarray, " M"] | Bool[np.ndarray, " K"]) -> "_Used":
+    def take(self, kept: Int[np.ndarray, " M"] | Bool[np.ndarray, " K"]) -> "_Used":
         """Return these rows only."""
         values = {name: values[kept] for name, values in self.values.items()}
         return replace(self, t=self.t[kept], rows=self.rows[kept], values=values)
@@ -228,7 +228,7 @@ class _Used:
         back = np.flatnonzero(np.diff(self.t) < 0)
         if len(back):
             self._allow(int(back[0]), len(back), "unsorted", "sort the rows")
-            used = self.taken(np.argsort(self.t, kind="stable"))
+            used = self.take(np.argsort(self.t, kind="stable"))
         same = steps_back(used.t)
         if len(same):
             used._allow(int(same[0]), len(same), "duplicates", "keep the last row of each time")
@@ -249,13 +249,13 @@ class _Used:
         for name in values.keys() - {*self.outputs, *self.about.signals} if begin else ():
             before = bridged(self.t[: begin + 1], values[name][: begin + 1], held=True)[-1]
             values[name] = np.append(values[name][:begin], [before, *values[name][begin + 1 :]])
-        return replace(self, values=values).taken(np.arange(begin, len(self.t)))
+        return replace(self, values=values).take(np.arange(begin, len(self.t)))
 
     def _last_of_each_time(self) -> "_Used":
         """Return one row for each time, with the last value that each column has then."""
         last = np.flatnonzero(np.append(np.diff(self.t) > 0, True))
         first = np.append(0, last[:-1] + 1)
-        kept = self.taken(last)
+        kept = self.take(last)
         values = {}
         for name, each in self.values.items():
             there = np.maximum.accumulate(np.where(np.isnan(each), -1, np.arange(len(each))))[last]
@@ -274,7 +274,7 @@ class _Used:
                 f"{self.place(k + 1)}: {wrong}: if this is one run, give allow=({word!r},) to {what}"
             )
 
-    def recorded(
+    def to_experiment(
         self, theta: ArrayLike, kpis: Callable[[Experiment], Mapping[str, float]] | None, end: End | None
     ) -> Experiment:
         """Return the experiment of these rows."""

@@ -249,7 +249,7 @@ def _common_clock(sheet: Sheet, time: int, time_format: str | None) -> Clock | N
     column = sheet.frame[time]
     new = np.asarray(column != column.shift())
     try:
-        clock = clock_of(sheet.taken(np.flatnonzero(new)), time, time_format)
+        clock = clock_of(sheet.take(np.flatnonzero(new)), time, time_format)
     except RecordError:
         return None  # the rows are not in the order of time
     if clock is None or not ((np.diff(clock.s) >= 0).all() or (np.diff(clock.s) <= 0).all()):
@@ -338,7 +338,7 @@ class _Signal:
         clock: Clock | None,
     ) -> "_Signal | None":
         """Read the rows of a tag, whose `clock` may be that of all rows; None if it has no numbers."""
-        part = with_gaps(sheet.taken(rows), ())
+        part = with_gaps(sheet.take(rows), ())
         try:
             values = part.numbers(long.value)
         except RecordError:

@@ -341,7 +341,7 @@ class Sheet:
     said: tuple[str, ...] = ()
     own_times: bool = False
 
-    def taken(self, rows: Int[np.ndarray, " M"]) -> "Sheet":
+    def take(self, rows: Int[np.ndarray, " M"]) -> "Sheet":
         """Return the sheet of these rows, in this order."""
         bad = {
             i: {new: cells[old] for new, old in enumerate(rows.tolist()) if old in cells}

@@ -196,7 +196,7 @@ def _of_numbers(sheet: Sheet, column: int, wanted: str, given: str | None, said:
         counted = None  # it may be the time since a start
     source, doubted = bracketed or spelled or counted or given or "s", False
     if not (bracketed or spelled or counted) and source == "s":  # who wants seconds may have others
-        doubted = _doubted(name, found, plain=words in (["time"], ["t"], ["index"], [])) and given is None
+        doubted = _doubt(name, found, plain=words in (["time"], ["t"], ["index"], [])) and given is None
     _check_order(sheet, found, source)
     if source == wanted:
         t = found
@@ -243,7 +243,7 @@ def _counted(found: Float[np.ndarray, " K"]) -> str | None:
     return "d" if np.median(steps) < 1e-3 or (np.abs(tenths - np.round(tenths)) < 0.02).all() else None
 
 
-def _doubted(name: str, found: Float[np.ndarray, " K"], *, plain: bool) -> bool:
+def _doubt(name: str, found: Float[np.ndarray, " K"], *, plain: bool) -> bool:
     """Return whether numbers without a unit are seconds, but with steps that few choose in seconds.
 
     Counters of milliseconds and finer are whole numbers with long steps, and with jitter if a clock
@@ -327,7 +327,7 @@ def clock_of(sheet: Sheet, column: int, time_format: str | None) -> Clock | None
     if pd.api.types.is_timedelta64_dtype(values.dtype):
         return Clock(values.dt.total_seconds().to_numpy(dtype=float))
     if pd.api.types.is_datetime64_any_dtype(values.dtype):
-        return _dated(sheet, values, zoned=values.dt.tz is not None)
+        return _date(sheet, values, zoned=values.dt.tz is not None)
     if pd.api.types.is_numeric_dtype(values.dtype):
         return None
     text = values.astype(str).str.strip()
@@ -372,7 +372,7 @@ def _in_24_hours(text: Any) -> Any:
     return read.where(there, text)
 
 
-def _dated(sheet: Sheet, stamps: Any, *, zoned: bool) -> Clock:
+def _date(sheet: Sheet, stamps: Any, *, zoned: bool) -> Clock:
     """Return what time stamps of pandas say, from the midnight before the earliest one."""
     import pandas as pd
 
@@ -408,7 +408,7 @@ def _stamps(sheet: Sheet, column: int, text: Any, time_format: str | None) -> Cl
             "give time_format='%d/%m/%Y %H:%M:%S' or the like"
         )
     zoned = "%z" in (time_format or "") or bool(text.str.contains(_ZONE).any())
-    return _dated(sheet, found, zoned=zoned)
+    return _date(sheet, found, zoned=zoned)
 
 
 def _written(sheet: Sheet, column: int, text: Any) -> Any:
@@ -453,7 +453,7 @@ def _steady(sheet: Sheet, s: Float[np.ndarray, " K"], day: int | None) -> Clock:
     """
     steps = np.diff(s)
     if (steps < 0).sum() > len(steps) / 2:  # the latest row comes first
-        turned = _steady(sheet.taken(np.arange(len(s))[::-1]), s[::-1], day)
+        turned = _steady(sheet.take(np.arange(len(s))[::-1]), s[::-1], day)
         return Clock(turned.s[::-1], day, turned.said)
     if not (steps > 0).any():
         return Clock(s, day)

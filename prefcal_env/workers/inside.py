@@ -129,7 +129,7 @@ def _answer(link: "Link", work: Work, requests: list[bytes], period: float) -> N
     results, begun = list[bytes](), time.perf_counter()
     for number, request in enumerate(requests, 1):
         link.running = True
-        results.append(_pickled(work, request))
+        results.append(_pickle(work, request))
         link.running = False  # before prefcal hears of it, and may end this process
         now = time.perf_counter()
         if now - begun >= period or number == len(requests):
@@ -137,7 +137,7 @@ def _answer(link: "Link", work: Work, requests: list[bytes], period: float) -> N
             results, begun = [], now
 
 
-def _pickled(work: Work, request: bytes) -> bytes:
+def _pickle(work: Work, request: bytes) -> bytes:
     """Return the pickled result of a pickled request, or what it raised as a RunError, which is data."""
     try:
         return pickle.dumps(work(pickle.loads(request)))

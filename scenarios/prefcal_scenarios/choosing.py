@@ -104,7 +104,7 @@ class Rows(Source):
         short = [_PREFIX.sub("", heading) for heading in headings]
         names = {h: s if short.count(s) == 1 else h for h, s in zip(headings, short, strict=True)}
         names |= {h: "" for h in headings if _NO_RESULT.fullmatch(h)}
-        self._sheet = replace(sheet.taken(np.flatnonzero(done)), headings=tuple(names[h] for h in headings))
+        self._sheet = replace(sheet.take(np.flatnonzero(done)), headings=tuple(names[h] for h in headings))
         self._knobs = tuple(parts_of(names[h])[0] for h in headings if h.startswith("params_"))
         self.what, self._ids = "trial", ids[done]
         self._leave_out(ids[~done], "which did not complete")

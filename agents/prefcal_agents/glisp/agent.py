@@ -51,11 +51,12 @@ class StrategyRow(NamedTuple):
 
     Args:
         holds: Function that returns whether the row applies to a fit in a study.
-        objective: Function that trains a model, and returns what the next sample minimizes of it.
+        objective: Function that trains a model, and returns what the next sample minimizes of it;
+            None if the draws of what the person wants choose, see `most_promising`.
     """
 
     holds: Callable[[GLISpSetup, Fit], bool]
-    objective: Callable[[GLISpSetup, Fit], Objective]
+    objective: Callable[[GLISpSetup, Fit], Objective] | None
 
 
 def _every_second_time(setup: GLISpSetup, fit: Fit) -> bool:
@@ -77,8 +78,12 @@ def _exploration(setup: GLISpSetup, fit: Fit) -> Objective:
     return Acquisition.of(surrogate, setup.settings.delta, cube_of(fit.data.history))
 
 
-STRATEGY = (StrategyRow(_every_second_time, _mean), StrategyRow(lambda setup, fit: True, _exploration))
-"""What the next sample minimizes without KPIs: the first row that holds.
+STRATEGY = (
+    StrategyRow(lambda setup, fit: fit.kpis is not None, None),
+    StrategyRow(_every_second_time, _mean),
+    StrategyRow(lambda setup, fit: True, _exploration),
+)
+"""What chooses the next sample: the first row that holds. One above the first reaches studies with KPIs.
 
 Deviation: the paper has the last row only.
 """
@@ -88,15 +93,16 @@ def propose(setup: GLISpSetup, fit: Fit) -> Float[np.ndarray, " n"]:
     """Return the cube point of the next sample, shape (n,): a minimum of an acquisition.
 
     Source: eq. xNp1.
-    Deviation: `most_promising` if KPIs explain the answers, otherwise `STRATEGY`; unsafe marks add
-    to the acquisition, see `Penalized`.
+    Deviation: see `STRATEGY`; unsafe marks add to the acquisition, see `Penalized`.
     """
     history = fit.data.history
+    # From the record's length alone, so that a resumed study draws the same θ as one that went on.
     rng = np.random.default_rng([setup.seed, history.answered])
     penalty = _penalty(setup, history)
-    if fit.kpis is not None:
-        return most_promising(setup, history, fit.kpis, penalty, rng)
     rule = next(rule for rule in STRATEGY if rule.holds(setup, fit))
+    if rule.objective is None:
+        assert fit.kpis is not None  # by the row's condition
+        return most_promising(setup, history, fit.kpis, penalty, rng)
     objective = rule.objective(setup, fit)
     if penalty is not None:
         objective = Penalized(objective, penalty)
@@ -114,6 +120,7 @@ def propose_start(setup: GLISpSetup, history: History) -> Float[np.ndarray, " n"
     z = np.asarray(plan[index])
     penalty = _penalty(setup, history)
     if penalty is not None:
+        # What is planned later counts as tried, or two points of the start could end up side by side.
         others = np.vstack([cube_of(history), plan[index + 1 :]])
         z = replaced(z, others, random_points(setup.space, POOL, rng), penalty)
     return Tried(setup.space, history).fresh(z, rng)
@@ -195,6 +202,7 @@ def confirm_best(
     samples = data.preferences.samples
     known = shape.basis(samples, samples)
     features = np.zeros((history.answered, known.shape[1]))
+    # Samples that long studies no longer learn from have no Ĵ, and cannot be rivals.
     values = np.full(history.answered, np.inf)
     features[data.kept] = known
     values[data.kept] = Surrogate(samples, posterior.mean, shape)(samples)
@@ -203,6 +211,7 @@ def confirm_best(
     rivals = [k for k in rest[:_RIVALS] if not history.asked(best, k)]
     if not rivals:
         return None
+    # By the posterior of the difference: two means apart say little if both are uncertain in the same way.
     behind = posterior.deviations(features[rivals] - features[best])
     nearest = int(np.argmin(behind))
     if behind[nearest] > sure:
@@ -254,11 +263,13 @@ def insertion_question(history: History, values: Float[np.ndarray, " N"]) -> tup
         position = order.index(c.incumbent)
         if c.answer.preference is Preference.INCUMBENT:
             above = max(above, position)
+        # A win over the best (`after` is None) makes it the best: then its place is known.
         elif c.answer.preference is Preference.CHALLENGER and c.after is not None:
             below = min(below, position)
         else:
             return None
     between = order[above + 1 : below]
+    # The answers can contradict the order of Ĵ; then a rival that was asked before would come again.
     if not between or not asked.isdisjoint(between):
         return None
     return new, between[len(between) // 2]
@@ -457,6 +468,7 @@ class GLISp(Agent):
         past, best = history.until(history.answered), history.incumbent
         if best is None or len(past.lessons()) < FROM or not (self.settings.kpis and past.kpis.names):
             return None
+        # A space with fewer θ than experiments asked for has no next one to speak of.
         tried_all = self._most(history) < self.setup.n_max
         if history.pending is None and (tried_all or not self.is_over(history)):
             return None
@@ -464,6 +476,7 @@ class GLISp(Agent):
             fit = self._models.kpi_fit(past)
             if fit is None:
                 return Foresight(None, lost_since(past))
+            # At the end nothing is pending: what one more experiment would bring says whether to go on.
             new = history.pending or self._next(history)
             rng = np.random.default_rng([self.setup.seed, history.answered, _STREAM])
             costs = fit.costs(np.array([new.z]), rng)  # in each draw; that of the new one comes last
@@ -495,5 +508,6 @@ class GLISp(Agent):
                 values, on_samples = learned(z), learned(learned.centers)
             else:
                 values, on_samples = (fit.kpis.beaten_by(x, self.setup.seed) for x in (z, fit.kpis.bank.z))
+        # By the samples, not by `thetas`: the same θ has the same value in every picture.
         spread = float(np.ptp(on_samples))
         return np.asarray((values - on_samples.min()) / (spread if spread > 0 else 1.0))

@@ -117,6 +117,7 @@ class GLISpSettings(Settings):
         for name in ("epsilon", "least_safe"):
             number(name, getattr(self, name), strict=True)
         for name, limit in (("error_rate", 0.5), ("least_safe", 1)):
+            # At an error rate of one half answers say nothing, and nothing is safe with certainty.
             if getattr(self, name) >= limit:
                 raise SettingsError(f"{name} must be below {limit}, got {getattr(self, name)!r}")
         choice("rbf", self.rbf, RADIAL_FUNCTIONS)
@@ -195,6 +196,7 @@ class KPIFit:
             draws: Number d of draws.
         """
         some = self.utilities.take(np.arange(0, len(self.utilities), len(self.utilities) // draws))
+        # In each draw θ without a run have KPIs of their own, correlated with those that ran.
         points, rows = np.vstack([self.bank.z[self.kept], z]), np.arange(len(self.kept))
         known = self.scale(self.bank, self.kept.tolist())
         return some.costs(corrected(points, None, rows, known, len(some), rng))
@@ -204,6 +206,7 @@ class KPIFit:
         found = []
         for part in np.array_split(z, len(z) // _AT_ONCE + 1):
             costs = self.costs(part, np.random.default_rng(seed), _SHOWN)
+            # Within each draw: costs of two draws have no common unit.
             known, new = costs[:, : len(self.kept)], costs[:, len(self.kept) :]
             pairs = zip(np.sort(known), new, strict=True)
             found.append(np.mean([np.searchsorted(row, c) for row, c in pairs], axis=0))
@@ -229,6 +232,7 @@ class KPIFit:
             return None
         costs = self._of_samples(history)
         doubt = np.mean(costs < costs[:, [best]], axis=0)
+        # Half a run cannot be compared with a whole one, and nobody has to look at an unsafe one again.
         doubt[[best, *history.unsafe(), *history.cut_short()]] = 0.0
         for rival in map(int, np.argsort(-doubt, kind="stable")):
             if doubt[rival] <= _DOUBT:
@@ -270,9 +274,11 @@ def _following(seed: int, past: History, before: History, fit: KPIFit) -> KPIFit
     scale, part = Scale.of(bank, np.arange(len(bank))), Memory.of(past).history
     if scale.names != fit.scale.names:  # a KPI was always the same before: begin again
         before, utilities = History(), _draw(scale, rng)
+    # An unsafe run teaches even without an answer: it is worse than all others.
     if scale.names and (past.lessons() or past.unsafe()):
         old, new = (Lessons.of(bank, scale, each) for each in (Memory.of(before).history, part))
         utilities = updated(utilities, old, new, scale, rng, SURE)
+    # Processes cost the cube of their points: only what the memory keeps enters them.
     kept = np.unique(bank.rows([sample.theta for sample in part.samples]))
     return KPIFit(bank, kept, scale, utilities)
 
@@ -317,6 +323,7 @@ def most_promising(
         points = np.vstack([points[fine], others])
         risk = np.zeros(len(points)) if penalty is None else penalty(points)
     value = expected_best(fit.costs(points, rng), fit.row(best.theta))[len(fit.kept) :]
+    # Risk first: a promising θ that is likely unsafe comes after all that are not.
     ranked = points[np.lexsort((-value, risk))]
     tried = Tried(space, history)
     found = tried.first_new(ranked)
@@ -371,6 +378,7 @@ def evidence_of_mistakes(preferences: Preferences, shape: Shape, error_rate: flo
     """
     if not np.any(preferences.b):
         return 0.0
+    # Both explanations with the same φ: another width would be a third explanation.
     constraints = rows_of(preferences, shape)
     fallible = ExpectationPropagation.of(constraints, error_rate)
     sure = ExpectationPropagation.of(constraints, ALMOST_SURE, fallible.sites)
@@ -396,6 +404,7 @@ def suited_shape(
         start = fit.sites
         return fit.predicted
 
+    # A neighbor at most: each candidate is a fit, and one answer hardly moves the best width.
     candidates = _EPSILONS if first else nearest(_EPSILONS, shape.epsilon, 1)
     best, epsilon = max((score(replace(shape, epsilon=x)), x) for x in candidates)
     turn = answered % len(shape.scales)
@@ -480,7 +489,7 @@ class Fit:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Stage:
+class _Shapes:
     """What is chosen after a number of experiments: φ by cross-validation, and for a fallible person.
 
     `tested` is `suited` at the latest noise test. `tests` return the evidence of the latest ones, the
@@ -505,7 +514,7 @@ class ModelSelection:
         self._settings, self._n_init, self._seed = settings, setup.n_init, setup.seed
         self._learning = Learning(margin_power=settings.margin_power)
         self._candidates: Sequence[float] = tuple(settings.epsilon * factor for factor in EPSILONS)
-        first = _Stage(Shape(settings.epsilon, alike, settings.rbf), Shape(1.0, alike, settings.rbf))
+        first = _Shapes(Shape(settings.epsilon, alike, settings.rbf), Shape(1.0, alike, settings.rbf))
         self._stages = Stages(lambda: first, self._following, whole=True)
         self._kpi_fits = kpi_fits(setup.seed) if settings.kpis else None
         self.dataset = Remembered(Dataset.of)
@@ -542,10 +551,11 @@ class ModelSelection:
         if stage.tested is None:
             return Selection(stage.shape, None, is_noisy=False)
         noise = NoiseTest(stage.tested, float(np.mean([test() for test in stage.tests])))
+        # A cost that jumps looks like mistakes, too: only a contradiction proves one.
         noisy = noise.suspects and contradictory(history.verdicts())
         return Selection(stage.shape, noise, noisy)
 
-    def _following(self, past: History, before: History, stage: _Stage) -> _Stage:
+    def _following(self, past: History, before: History, stage: _Shapes) -> _Shapes:
         """Return what is chosen after `past`, given that after one experiment less."""
         count, rate = past.answered, self._settings.error_rate
         validates = self._is_validated(count)
@@ -555,7 +565,7 @@ class ModelSelection:
         if not validates and (settled or not fallible):
             return stage
         data = self.dataset(past)
-        shape = self._validated(data, stage.shape) if validates else stage.shape
+        shape = self._validate(data, stage.shape) if validates else stage.shape
         if not fallible:
             return replace(stage, shape=shape)
         known, first = data.preferences, count == self._n_init
@@ -564,7 +574,7 @@ class ModelSelection:
             return replace(stage, shape=shape, suited=suited)
         test: Callable[[], float] = cache(partial(evidence_of_mistakes, known, suited, rate))
         tests = (test, *stage.tests[: WINDOW - 1])
-        return _Stage(shape, suited, suited if data.is_strict else None, tests)
+        return _Shapes(shape, suited, suited if data.is_strict else None, tests)
 
     def _is_validated(self, count: int) -> bool:
         """Return whether the shape is chosen again after `count` experiments.
@@ -581,11 +591,12 @@ class ModelSelection:
             return count <= MOST and count % SELDOM == _SHAPE_AT
         return not (self._settings.process and is_process_turn(count, self._n_init))
 
-    def _validated(self, data: Dataset, shape: Shape) -> Shape:
+    def _validate(self, data: Dataset, shape: Shape) -> Shape:
         """Return the better shape that cross-validation finds next to `shape`."""
         comparisons, count = len(data.preferences), data.history.answered
         if comparisons < FOLDS:
             return shape
+        # A stream of its own (1), so that dealing folds does not change what is proposed.
         rng = np.random.default_rng([self._seed, count, 1])
         validation = Validation.deal(data.preferences, self._learning, rng)
         candidates, reach = self._candidates, 1

@@ -144,12 +144,15 @@ class Certificate:
         Nothing can if the draws predict each answer from the others no better than by chance, or
         if θ predicts them better.
         """
+        # Then the draws are of somebody else, and so would be all numbers that follow from them.
         if found.predicted < _BY_CHANCE or not found.explained:
             return cls(None, PROBABILITY, None, found.promising)
         constant, *slopes = _SHARE
         size = constant + float(np.dot(slopes, found.terms))
+        # Rounded up: fewer θ are better than is said, never more.
         share = ceil(100 * np.clip(10.0 ** min(size, 0.0), LEAST, 1.0)) / 100
         constant, slope = _CHANCE
+        # The logit of 0 or 1 is infinite, and a few hundred draws cannot tell either from nearly so.
         believed = np.clip(found.chance, 1.0 - _SURE, _SURE)
         chance = float(expit(constant + slope * logit(believed)))
         enough = found.answers in ENOUGH_AFTER and share <= ENOUGH_SHARE and chance <= ENOUGH_CHANCE
@@ -179,6 +182,7 @@ def evidence(stage: Stage, best: int, history: History, *, numbered: bool = Fals
     draws = stage.utilities.some(len(stage.costs))
     better = _better(draws, stage.logs, best) & ~stage.bank.hopeless
     chances = better.mean(axis=0)
+    # Only what was not shown yet can be the most promising one.
     chances[[stage.bank.find(sample.theta) for sample in history.samples[: history.answered]]] = 0.0
     row = int(np.argmax(chances))
     held, predicted = _foretold(draws, Lessons.of(stage.bank, stage.scale, history), history)
@@ -217,6 +221,7 @@ def _foretold(draws: Utilities, lessons: Lessons, history: History) -> tuple[flo
     """
     count = len(history.lessons())  # those that marks make are no answers
     logs = lessons.log_probabilities(draws)[:, :count]
+    # Importance weights of the posterior without each answer: 1 over the probability of that answer.
     shares = np.exp(-logs - logsumexp(-logs, axis=0))
     gain = draws.gains(draws.levels(lessons.logs), lessons.better, lessons.worse).sum(axis=0)
     of_challenger = np.where(lessons.tie, gain, -gain)[:, :count]  # where it did not win
@@ -277,6 +282,7 @@ class Screening(Simulating):
         if best is None or len(history.lessons()) < FROM:
             return None
         stage = self.stage(history)
+        # The formula was fitted to exact simulations: with a twin, the draws' share means something else.
         row = None if stage.rough else _row(stage.bank, np.array(history.samples[best].theta))
         # The numbers of given candidates mean nothing, so that what they predict is chance.
         numbered = self.simulations.candidates is not None
@@ -320,6 +326,7 @@ class Screening(Simulating):
         better = np.mean(stage.costs[:, rows] < stage.costs[:, rows[best], None] - 1.0, axis=0)
         if self.simulations.holds is not None:
             held = self.simulations.runs_kept(stage.bank.thetas[rows]) == ENOUGH
+            # If the best one does not hold, any that does is a rival; the largest worth among them leads.
             better = better * held if held[best] else held.astype(float)
         rivals = overtaking(better, history) > 0
         if not rivals.any():
@@ -351,6 +358,7 @@ class Screening(Simulating):
         if self.simulations.candidates is None and without_kpis(history, stage):
             others = self.simulations.learned(BeyondKPIs, self.space, self.setup.seed)
             beyond = tried.fresh(others.propose(history, stage), rng)
+            # It is new to the simulations, so it may fail or never arrive: then the draws choose.
             if self.growth.works(beyond):
                 return beyond
         if stage.rough and history.answered % _OPEN == 0:
@@ -361,6 +369,7 @@ class Screening(Simulating):
         allowed = ~(stage.bank.hopeless | _look_alike(stage, history))
         if row is None or not history.lessons():
             value = expected_best(stage.costs, row)
+            # More than any number of objectives, so that what looks alike comes after all that misses some.
             poor = self._poor_beginning(stage, row) + 1000 * ~allowed
             order = np.lexsort([-value, poor])
         else:
@@ -415,6 +424,7 @@ def _open_minded(stage: Stage, history: History, rng: np.random.Generator) -> in
         return None
     rows = np.concatenate([shown, rest]).astype(np.int64)
     found = worth(Utilities.drawn(stage.scale, len(stage.costs), rng).costs(stage.logs[rows]))
+    # Over draws before any answer, since a few answers about a rough simulation can all be beside the point.
     best = found[:, : len(shown)].max(axis=1, keepdims=True)
     gain = np.maximum(found[:, len(shown) :] - best, 0.0)
     return int(rest[np.argmax(gain.mean(axis=0))])
@@ -426,6 +436,8 @@ def _look_alike(stage: Stage, history: History) -> Bool[np.ndarray, " m"]:
     alike = np.zeros(len(logs), dtype=np.bool_)
     for shown in logs[stage.bank.rows([s.theta for s in history.samples[: history.answered]])]:
         apart = np.abs(np.subtract(logs, shown, where=logs != shown, out=np.zeros(logs.shape)))
+        # In logarithms a difference is a share. Equal infinite values differ by 0: their difference is not
+        # taken.
         alike |= apart.max(axis=1, initial=0.0) < _ALIKE
     return alike
 
@@ -456,6 +468,7 @@ class BeyondKPIs:
     """Proposals from answers and θ alone; what it remembers only saves time."""
 
     def __init__(self, simulations: Simulations, space: KnobSpace, seed: int) -> None:
+        # As if its start were the answers that came before it takes over.
         self._models = ModelSelection(Setup(space, AFTER, seed, GLISpSettings(kpis=False)))
 
     def propose(self, history: History, stage: Stage) -> Float[np.ndarray, " n"]:

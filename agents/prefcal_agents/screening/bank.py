@@ -96,6 +96,7 @@ class Simulations:
     def learned(self, learn: Callable[..., Learned], *given: Any) -> Learned:
         """Return what `learn(simulations, *given)` returns, the same object for all copies."""
         if learn not in self._learned:
+            # Two threads may work it out at the same time; all get the one that came first.
             self._learned.setdefault(learn, learn(self, *given))
         found: Learned = self._learned[learn]
         return found
@@ -108,6 +109,7 @@ class Simulations:
     @property
     def failed(self) -> int:
         """Return the number of simulations that failed."""
+        # A copy, since another thread may add to it meanwhile.
         return sum(not outcome for outcome in list(self._known.values()))
 
     def __call__(self, thetas: Float[np.ndarray, "m n"]) -> list[Outcome]:
@@ -137,6 +139,7 @@ class Simulations:
     def _run(self, wanted: Mapping[bytes, Theta]) -> None:
         """Simulate those of `wanted` that are not known; a function of one θ by one thread."""
         with nullcontext() if self._many else self._one_at_a_time:
+            # Inside the lock: while this thread waited, another one may have run them.
             new = {key: theta for key, theta in wanted.items() if key not in self._known}
             if self._many is None:
                 self._one_by_one(new)
@@ -195,6 +198,7 @@ class Simulations:
 
     def _check_names(self) -> None:
         """Raise SimulationError if hardly any two θ have a KPI of the same name."""
+        # A name that depends on θ, such as one that holds a number, makes as many KPIs as θ, each known once.
         worked = [outcome for outcome in list(self._known.values()) if outcome]
         if len(worked) < _JUDGED:
             return
@@ -361,8 +365,10 @@ class Growth:
         self.simulations = simulations
         self._space, self._seed, self._taste = space, seed, taste[-_RECENT:]
         given = simulations.candidates
+        # Given candidates are all there is: there is nothing near a leader to simulate.
         self._plan = _plan(n_simulated) if given is None else [(len(given), 0)]
         wide = sum(count for count, _ in self._plan)
+        # One design for both parts, which fill the space together.
         self._design = latin_hypercube(space, wide, seed) if given is None else space.encode_all(given)
         self._stages = Stages(self._first, self._following)
         self.pool = Remembered(self._pool, 1)  # the latest one: it is large
@@ -379,6 +385,7 @@ class Growth:
         for count in range(max(last - _RECALLED, 1), last):
             past = history.until(count)
             earlier = self.stage(past)
+            # A KPI that was the same everywhere came in later: draws without it say nothing of it.
             if earlier.scale.names == stage.scale.names:
                 given.append((past, earlier.utilities))
         return Pool.of(stage.bank, stage.scale, stage.logs, [*given, (history, stage.utilities)])
@@ -423,12 +430,15 @@ class Growth:
         judges: int = _JUDGES,
     ) -> Stage:
         """Return the stage after `past`, given the bank as simulated."""
+        # A quarter of the draws judges the bank: costs of all θ in all draws would take four times as long.
         some = utilities.some(judges)
         logs = expected = scale(bank)
         measured = Measured.of(bank, past, self.simulations.reading)
         seen, rows = measured.on(bank), measured.rows
         if len(rows) and scale.names:
             rng = self._rng(past, _CORRECT)
+            # Each judging draw has a plant of its own, so that what is unknown of the plant counts as
+            # unknown.
             logs = corrected(bank.z, logs, rows, scale(seen, rows.tolist()), len(some), rng)
             expected = np.median(logs, axis=0)
         return Stage(seen, spread, scale, expected, utilities, some.costs(logs), rough=len(rows) > 0)
@@ -448,6 +458,7 @@ class Growth:
             utilities = self._learned(past, before, bank, stage.scale, stage.utilities)
             return self._stage(past, bank, stage.spread, stage.scale, utilities)
         turn = past.answered - 1  # the first one is compared with nothing
+        # Turn 0 is the bank before the first question, which `_first` has simulated.
         wide, near = self._plan[turn] if 0 < turn < len(self._plan) else (0, 0)
         bank, spread = self._widened(stage, past, turn, wide)
         scale, utilities = Scale.of(bank, spread, self.simulations.reading.limits), stage.utilities
@@ -468,6 +479,7 @@ class Growth:
         z, thetas = self._space.proposals(self._design[start : start + wide])
         bank, old = self.extended(stage.bank, z, thetas), len(stage.bank)
         spread = np.append(stage.spread, np.arange(old, len(bank)))
+        # A person may ask for any θ, also for one that the design never had: answers about it need its KPIs.
         shown = [np.array([getattr(s, name) for s in past.samples]) for name in ("z", "theta")]
         return self.extended(bank, *shown), spread
 
@@ -493,6 +505,7 @@ class Growth:
             z, thetas = self._space.proposals(points)
             kept = np.atleast_1d(self._space.allows(thetas))  # rounding may cross an edge
             bank = self.extended(stage.bank, z[kept], thetas[kept])
+            # Only the last round's costs choose what is shown; before, they only say where to look.
             judges = _GUIDES if number < rounds - 1 else _JUDGES
             stage = self._stage(past, bank, stage.spread, stage.scale, stage.utilities, judges)
         return stage
@@ -513,6 +526,7 @@ class Growth:
 def _plan(n_simulated: int) -> list[tuple[int, int]]:
     """Return how many θ to simulate for each answer: over the space, and near the leaders."""
     shares = np.array([_FIRST, _SECOND, *[_LATER] * _ANSWERS])
+    # Rounded sums, not rounded shares, so that the counts add up to `n_simulated`.
     counts = np.diff(np.round(n_simulated * np.cumsum(shares)), prepend=0.0).reshape(shares.shape)
     plan = [(int(wide), int(near)) for wide, near in counts]
     return [(max(plan[0][0], 1), plan[0][1]), *plan[1:]]
@@ -543,6 +557,7 @@ def near_leaders(
     leaders = np.argsort(costs, axis=1, kind="stable")[:, :_LEADERS]
     drawn = leaders[rng.integers(len(leaders), size=count)]
     first = drawn[np.arange(count), rng.integers(min(_BASES, drawn.shape[1]), size=count)]
+    # Both may be the same θ: then the step is the jitter alone.
     pair = np.array([rng.choice(row, 2) for row in drawn])
     step = rng.uniform(*_STEP, (count, 1)) * (z[pair[:, 0]] - z[pair[:, 1]])
     step *= rng.random(step.shape) < _MOVED

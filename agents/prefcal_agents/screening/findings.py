@@ -90,6 +90,7 @@ def chances(stage: Stage, best: int, history: History) -> Float[np.ndarray, " m"
     chance is multiplied by the share of answers so far that prefer a side.
     """
     given = [c.answer.preference is not Preference.TIE for c in history.lessons()]
+    # As if one more answer had preferred a side: without any, nothing is known against the draws.
     told = (sum(given) + 1) / (len(given) + 1)
     return np.asarray(told * noticed(stage.costs[:, best, None] - stage.costs).mean(axis=0))
 
@@ -191,6 +192,7 @@ def findings(agent: Screening, known: Findings | None = None, *, over: bool | No
     parts = [_explain_query, _explain_result]
     if over and agent.setup.start:
         parts.append(_find_smaller_change)
+    # A study that ended, or goes on, is told of anew: its parts are about another thing.
     given = 0 if known is None or known.over is not over else known.parts
     if known is not None and given == len(parts):
         return known
@@ -221,6 +223,7 @@ def _explain_query(agent: Screening, empty: Findings) -> Findings:
         return found
     best = stage.bank.find(agent.best)
     likely = chances(stage, best, history)
+    # The best of what was shown is the result itself: only what is new can be better.
     likely[stage.bank.rows([s.theta for s in history.samples[: history.answered]])] = 0.0
     along = None
     if agent.simulations.candidates is None:
@@ -282,6 +285,7 @@ def _menu(agent: Screening, stage: Stage, past: History, best: int) -> tuple[Alt
 
 
 def _robustness(agent: Screening, stage: Stage, past: History, best: int) -> RobustResult:
+    # What it costs to hold is told by the best θ that need not hold.
     bank, rival = stage.bank, int(np.argmax(worth(stage.costs).mean(axis=0)))
     kept, other = agent.simulations.runs_kept(bank.thetas[[best, rival]]).tolist()
     if rival == best or other == ENOUGH:
@@ -292,6 +296,7 @@ def _robustness(agent: Screening, stage: Stage, past: History, best: int) -> Rob
 
 
 def _share(ours: float, theirs: float) -> float | None:
+    # There is no share of 0, and none by which never is later than something.
     return None if not theirs or isinf(ours) else (ours - theirs) / abs(theirs)
 
 

@@ -311,7 +311,7 @@ def _timed_sheet(path: Path, about: TableColumns) -> tuple[Sheet, int, Instants,
         )
     if not there.all():
         said.append(f"{(~there).sum()} of {len(there)} rows have no time and are left out")
-        sheet = sheet.taken(np.flatnonzero(there))
+        sheet = sheet.take(np.flatnonzero(there))
     guessed = not named and not usual_time_columns(sheet)
     sheet, time = tidied(sheet, time, about.time_format, used=about.used(), repeated=True)
     found = instants(sheet, time, None, about.time_format, about.counted_in(sheet.name(time)))

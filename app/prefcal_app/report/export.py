@@ -30,7 +30,7 @@ FORMAT = 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Tuning:
+class BestTuning:
     """A tuning with its scenario."""
 
     scenario: Scenario  # scenario, with the ranges of the study
@@ -139,7 +139,7 @@ def load_controller(path: str | Path, *, check: bool = True) -> Controller:
     return scenario.controller(values)
 
 
-def tuning_of(path: str | Path) -> Tuning:
+def tuning_of(path: str | Path) -> BestTuning:
     """Return the tuning that a best.json holds, and its scenario, which may be a file that is executed.
 
     Raises:
@@ -155,7 +155,7 @@ def tuning_of(path: str | Path) -> Tuning:
     known = None if start is None else _values(scenario, start, path)
     kpis = {name: value for name, value in content.get("kpis", {}).items() if value is not None}
     own, end = is_own(content["scenario"]), _end(content, path)
-    return Tuning(scenario, theta, known, str(before.get("what", "")), kpis, end, own, digest)
+    return BestTuning(scenario, theta, known, str(before.get("what", "")), kpis, end, own, digest)
 
 
 def _end(content: Mapping[str, Any], path: str | Path) -> End:

@@ -34,7 +34,7 @@ from prefcal_scenarios.verification.result import FILE as VERIFICATION
 from prefcal_scenarios.verification.varied_runs import RUNS, replays, unvaried
 from prefcal_scenarios.wording import folder_for, knob_number, number, put, with_subscripts, with_unit
 
-from .export import REBUILD, Tuning, best_as_json, tuning_of, versions
+from .export import REBUILD, BestTuning, best_as_json, tuning_of, versions
 from .pictures import PICTURES, Drawn, best_against, draw, figure
 from .record import (
     StudyRecord,
@@ -299,7 +299,7 @@ def verify_best(
     return _kept(found, tuning, best, timeout)
 
 
-def _kept(found: Verification, tuning: Tuning, best: Path, timeout: float | None) -> Verified:
+def _kept(found: Verification, tuning: BestTuning, best: Path, timeout: float | None) -> Verified:
     """Write what a verification says, with earlier verdicts on the same runs, and draw its worst runs."""
     if found.planned and not found.runs:
         raise ScenarioError("stopped before a random run was completed, so nothing is written")
@@ -350,7 +350,7 @@ def judge(folder: Path, worst: int, *, acceptable: bool) -> Verified:
 
 
 def _drawn(
-    tuning: Tuning, worst: Sequence[VerifiedRun], timeout: float | None
+    tuning: BestTuning, worst: Sequence[VerifiedRun], timeout: float | None
 ) -> Iterator[tuple[int, bytes]]:
     """Yield number and PNG of the worst runs that did not fail, beside nominal ones of the same seed."""
     shown = [(rank, run) for rank, run in enumerate(worst) if run.end is not End.FAILED]

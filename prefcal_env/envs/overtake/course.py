@@ -98,6 +98,7 @@ class Course:
         if rng is not None:
             self._rng = rng
         elif seed is not None or self._rng is None:
+            # Gymnasium's own way, so that a seed means the same drivers here and in `OvertakeEnv`.
             self._rng, _ = seeding.np_random(seed)
         T_s = number_in(given.get("T_s", DEFAULT_T_S), T_S_RANGE, "T_s")
         x0 = given.get("x0")
@@ -109,6 +110,7 @@ class Course:
 
             simulation = Drivers(self.options, pose, self._rng)
         movers: tuple[Mover, ...] = (Obstacle(), *(simulation.tracks if simulation else ()))
+        # Such a start ends every run in the first instant, whatever θ is: that is the caller's mistake.
         touching = any(overlap(pose[None], o.at(np.zeros(1))[:, :3])[0] for o in movers)
         if touching or outside(pose[None], self.options.road)[0] > ROAD_MARGIN:
             raise PlantError(f"the initial pose x0 is in a collision or off the road: {pose}")
@@ -117,6 +119,7 @@ class Course:
         self.end, self.mishap = None, None
         self._trajectory = Trajectory(self.x, self.u)
         self._phases: list[tuple[Phase, int]] = []
+        # Two more: for the rest of a duration that is no multiple of T_s, and for rounding.
         self._times = _instants(T_s, int(self.options.duration / T_s) + 2)
         # Where the obstacle will be, all at once: faster than period by period.
         self._ahead = Obstacle().at(self._times.ravel()).reshape(*self._times.shape, 4)
@@ -137,6 +140,7 @@ class Course:
         step = len(self._phases)
         times = self._times[step]
         if self.simulation is not None:
+            # Drivers drive the whole period first: then their paths are as known as the obstacle's.
             self.simulation.drive(self.x, u, self.t, float(times[-1]))
         others = np.stack([self._ahead[step], *(o.at(times) for o in self.movers[1:])])
         t, x, self.mishap = self._period(u, times, others)
@@ -172,7 +176,9 @@ class Course:
 
         driven = np.concatenate([x[None], self.plant.hold(x, u, _NONE, t[1:] - start)])
         last, left = kept(driven, self.options.road, ROAD_MARGIN)
+        # Off the road first: a contact after that never happens.
         t, driven, touched = t[: last + 1], driven[: last + 1], None
+        # The exact search is needed in few periods: far apart, the boxes around both bodies do not meet.
         if not surely_apart(driven, others):
             touched = first_contact(motion, t)
         if touched is None:
@@ -189,6 +195,7 @@ class Course:
         episode.
         """
         self._begun()
+        # A controller may write into what it is given.
         seen = self.x.copy()
         return Measurement(self.t, seen, self.u, self.obstacles.flatten(), self._y_ref(), y=seen)
 
@@ -206,6 +213,7 @@ class Course:
         """
         record = self._begun().record(self.channels, self.end)
         last = self._phases[-1][0] if self._phases else self.phase
+        # One more row for the last instant, which ends the last period and begins none.
         held = np.array([*self._phases, (last, 1)], dtype=int)
         phases = np.repeat(held[:, 0].astype(float), held[:, 1])
         signals = signals_of(record.t, record.x, phases, self.movers, self.options.road)
@@ -223,6 +231,7 @@ class Course:
     def _look(self, places: Float[np.ndarray, "n 4"]) -> None:
         """Note where every vehicle is at this sampling instant."""
         self.obstacles = places[:, [0, 1, 3]]
+        # Phases change at sampling instants only, where a controller can know of them.
         self.phase = next_phase(self.phase, float(self.x[0]), self.obstacles)
 
 
@@ -231,5 +240,6 @@ def _instants(T_s: float, periods: int) -> Float[np.ndarray, "periods M1"]:
 
     None is a sum of others, so time is exact.
     """
+    # Rounding must not add a step where T_s is a multiple of the longest one.
     n = max(1, int(np.ceil(T_s / SUB_STEP - 1e-9)))
     return np.asarray((np.arange(periods)[:, None] + np.arange(n + 1) / n) * T_s)

@@ -60,6 +60,7 @@ class OwnVehicle(Vehicle):  # type: ignore[misc]
 
     def __init__(self, road: Road, x: Float[np.ndarray, " 3"]) -> None:
         super().__init__(road, [0.0, 0.0])
+        # Contacts are found in `first_contact`: highway-env would push the bodies apart.
         self.check_collisions, self.color = False, OWN
         self.target_speed = KEEPING_SPEED  # the speed that MOBIL assumes for us
         self.put(x, np.array([KEEPING_SPEED, 0.0]))
@@ -76,12 +77,14 @@ class OwnVehicle(Vehicle):  # type: ignore[misc]
         """Hold the inputs of the action for `dt` [s]; they saturate at the plant's limits."""
         low, high = np.array([(c.low, c.high) for c in _PLANT.inputs]).T
         u = np.clip(self.inputs(dt), low, high)
+        # By our plant, not by highway-env's Euler steps: the path must not depend on the step.
         self.put(_PLANT.hold(self.x, u, _NONE, np.array([dt]))[0], u)
 
     def put(self, x: Float[np.ndarray, " 3"], u: Float[np.ndarray, " 2"]) -> None:
         """Place it at the plant's state `x`, and let it hold the inputs `u`."""
         self.x, self.u = x, u
         self.speed = float(u[0])
+        # Without acceleration, so that a step without a new action holds the speed.
         self.act({"speed": self.speed, "steering": -float(u[1]), "acceleration": 0.0})
         place(self, *x.tolist())
 
@@ -99,6 +102,7 @@ class ObstacleVehicle(Vehicle):  # type: ignore[misc]
 
     def step(self, dt: float) -> None:
         """Drive for `dt` [s]."""
+        # From the time, not by adding ways: sums would drift from the obstacle of `scene`.
         self.put(self.time + dt)
 
     def put(self, t: float) -> None:
@@ -115,6 +119,7 @@ def road_of(options: OvertakeOptions, x: Float[np.ndarray, " 3"], rng: np.random
     for _ in range(options.vehicles_count):
         driver = kind.create_random(road, spacing=1 / options.vehicles_density)
         driver.randomize_behavior()
+        # On the object, since the class is shared with all other environments of the process.
         driver.LENGTH, driver.WIDTH = LENGTH, WIDTH
         driver.check_collisions, driver.color = False, OTHER
         road.vehicles.append(driver)
@@ -124,6 +129,7 @@ def road_of(options: OvertakeOptions, x: Float[np.ndarray, " 3"], rng: np.random
 def pose(vehicle: Vehicle) -> tuple[float, float, float]:
     """Return the pose of a vehicle in our coordinates."""
     (x, y), turned = vehicle.position.tolist(), -float(vehicle.heading)
+    # From the center to the front end, half a length ahead.
     return x + LENGTH / 2 * cos(turned), -y + LENGTH / 2 * sin(turned), turned
 
 
@@ -181,6 +187,7 @@ class Drivers:
         for i in range(n):
             self.road.act()
             self.road.step((end - start) / n)
+            # Counted back from the end, so that the last note is at the end without rounding.
             self._note(end - (end - start) * (n - 1 - i) / n)
 
     def _note(self, t: float) -> None:

@@ -29,7 +29,7 @@ from prefcal_env.tables.recorded import recorded
 from prefcal_env.workers import MARK, Terms, Worker
 
 from .model import Names, Variable, grid_of, read_model, referenced, refuse_bomb, shown, tuned
-from .simulation import FMUSimulation, Job, Reply
+from .simulation import FMUJob, FMUSimulation, Reply
 
 _RUNS = 1_000  # number of runs after which the process is replaced, so that FMUs that leak stay small
 _PREFIX = "prefcal-fmu-"
@@ -42,7 +42,7 @@ class FMUProcess:
     `limit` is the time limit of a run in seconds; infinite for none.
     """
 
-    def __init__(self, job: Job, limit: float) -> None:
+    def __init__(self, job: FMUJob, limit: float) -> None:
         self._given = job, limit
         self._lock = threading.Lock()
         self._started = _Started(job)
@@ -89,7 +89,7 @@ class FMUProcess:
 class _Started:
     """What starts each process: the files of the FMU, which are unpacked when they are needed."""
 
-    def __init__(self, job: Job) -> None:
+    def __init__(self, job: FMUJob) -> None:
         self._job, self.runs = job, 0  # runs of the present process
         self.owner = os.getpid()  # whose files they are: this may be a fork
         self.home: Path | None = None  # folder of the files, once they are unpacked
@@ -231,7 +231,7 @@ class FMULoop:
             tuple((v.type, v.reference) for v in each) for each in (self._parameters, self._recorded)
         )
         instants, every = grid_of(self.model, stop_time, output_interval)
-        job = Job(str(self.model.path), knobs_, shown_, instants, every, self.model.tolerance)
+        job = FMUJob(str(self.model.path), knobs_, shown_, instants, every, self.model.tolerance)
         self._process = FMUProcess(job, timeout)
 
     def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:

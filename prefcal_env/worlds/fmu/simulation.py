@@ -26,7 +26,7 @@ _C_TYPES: dict[str, dict[str, Any]] = {
 _STATUS = {2: "discarded the step", 3: "returned an error", 4: "returned a fatal error"}
 
 
-class Job(NamedTuple):
+class FMUJob(NamedTuple):
     """What to simulate."""
 
     path: str  # of the .fmu file; in the process, of the folder with its contents
@@ -81,7 +81,7 @@ class FMUSimulation:
         PlantError: If the FMU cannot be started.
     """
 
-    def __init__(self, job: Job) -> None:
+    def __init__(self, job: FMUJob) -> None:
         import fmpy
         from fmpy.simulation import instantiate_fmu
 

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import msgspec
 
 from prefcal_env.errors import ScenarioError, SettingsError, StudyError
-from prefcal_env.knobs import Knob, Scale
+from prefcal_env.knobs import Knob, KnobScale
 from prefcal_env.optional import WORLDS, World
 from prefcal_env.plain import Keys, entries
 from prefcal_env.wording import did_you_mean
@@ -52,6 +52,7 @@ def ranged_knob(name: str, text: str, about: str = "") -> Knob:
     if found is None:
         raise ScenarioError(_wrong(name, text))
     bounds, bracketed, bare = found.groups()
+    # Without a colon the upper bound is "", which is no number: `_number` says what was expected.
     low, high, *flags = [*bounds.split(":"), ""] if ":" not in bounds else bounds.split(":")
     unknown = [flag for flag in flags if flag not in ("log", "int")]
     if unknown:
@@ -59,7 +60,7 @@ def ranged_knob(name: str, text: str, about: str = "") -> Knob:
             f"knob {name!r}: after LOW:HIGH comes :log for a logarithmic scale or :int for whole "
             f"numbers, for example {KNOB_EXAMPLE}, got :{unknown[0]} in {text.strip()!r}"
         )
-    scale: Scale = "log10" if "log" in flags else "linear"
+    scale: KnobScale = "log10" if "log" in flags else "linear"
     unit = (bracketed if bracketed is not None else bare or "").strip()
     numbers = _number(name, low, text), _number(name, high, text)
     return Knob(name, *numbers, unit, scale=scale, integer="int" in flags, about=about)
@@ -92,6 +93,7 @@ def named_numbers(texts: Iterable[str], flag: str) -> dict[str, float]:
     """
     found: dict[str, float] = {}
     for part in listed(texts):
+        # From the right: names of variables may hold an equals sign, numbers never.
         name, equals, word = (piece.strip() for piece in part.rpartition("="))
         try:
             value = float(word)
@@ -165,6 +167,7 @@ def description_of(name: str, config: Mapping[str, Any]) -> Description:
         key = next((world.key for world in WORLDS if world.ending == path.suffix != ""), "controller")
         values = {key: name}
     for key, value in config.items():
+        # An option adds one knob to those of a file; it replaces a plant or a stop time.
         both = key in _MERGED and isinstance(value, Mapping)
         merges = both and isinstance(values.get(key), Mapping)
         values[key] = {**values[key], **value} if merges else value
@@ -177,6 +180,7 @@ def description_of(name: str, config: Mapping[str, Any]) -> Description:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
+        # Editors of Windows put a byte order mark at the start, which TOML does not know.
         return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
     except (OSError, UnicodeDecodeError) as error:
         said = getattr(error, "strerror", None) or error
@@ -192,6 +196,7 @@ def _with_paths(values: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Return `values` with the paths that a file in `folder` states, as seen from here."""
     for key in (*(key for key, world in _WORLDS.items() if world.ending), "plant"):
         if isinstance(values.get(key), str):
+            # From where the file is: it may be sent along with what it names.
             values[key] = str(folder / values[key])
     for key, world in _WORLDS.items():
         for name in world.paths:
@@ -290,6 +295,7 @@ def resumed_source(kept: str, source: str) -> str:
     """
     then, config = split_source(kept)
     name, wanted = split_source(source)
+    # The folder may have moved since; the file must be the same one.
     if Path(then).name != Path(name).name:
         raise StudyError(f"the study calibrates {then!r}, not {name!r}: name that scenario")
     before, now = config or {}, wanted or {}

@@ -89,7 +89,7 @@ class Held:
             if not np.isfinite(now).all() or _size(now) > 1e9 * (1 + _size(x)):
                 return None
             if self.rest(now) is not None:
-                better = self._polished(now)
+                better = self._polish(now)
                 near = better is not None and np.allclose(better, now, rtol=1e-3, atol=1e-6)
                 return better if near else now
             T *= 1.5
@@ -107,9 +107,9 @@ class Held:
         slowest = float(moving.min()) if len(moving) else 1.0
         size = np.abs(x).max(initial=1.0)
         small = np.abs(f).max(initial=0.0) <= _STEADY * slowest * size
-        return x if small and (len(moving) == len(rates) or self._balanced(x, f)) else None
+        return x if small and (len(moving) == len(rates) or self._balance(x, f)) else None
 
-    def _balanced(self, x: X, f: X) -> bool:
+    def _balance(self, x: X, f: X) -> bool:
         """Return whether all that integrates, the directions w with wᵀ A = 0, stays where it is."""
         J = local_system(self.plant, x, self.u, self.d)
         A, B = self._motion(x)[1], J.B / (J.dt or 1.0)
@@ -143,7 +143,7 @@ class Held:
         except (ArithmeticError, ValueError):
             return None
 
-    def _polished(self, x: X) -> X | None:
+    def _polish(self, x: X) -> X | None:
         """Return the steady state beside x by Newton's method, which needs no scipy, or None."""
         now = x
         for _ in range(_STEPS):

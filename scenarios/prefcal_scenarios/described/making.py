@@ -146,7 +146,7 @@ def scenario_of(name: str, config: Mapping[str, Any] | None = None) -> Scenario:
     make = _of_rig if description.controller is None else _of_controller
     if description.world is not None:
         make = description.world.inside("prefcal_scenarios").described
-    return _dressed(make(description, knobs, name), description, name)
+    return _dress(make(description, knobs, name), description, name)
 
 
 def _check_timeout(d: Description, where: str) -> None:
@@ -228,7 +228,7 @@ def _knob(name: str, value: str | Mapping[str, Any], where: str) -> Knob:
         raise ScenarioError(shorter if known else f"{where}, [knobs]: {shorter}") from error
 
 
-def _dressed(made: Scenario, d: Description, where: str) -> Scenario:
+def _dress(made: Scenario, d: Description, where: str) -> Scenario:
     """Return the scenario with what the description says of any kind of scenario."""
     changes: dict[str, Any] = {"name": d.name or _name(where, d)}
     changes |= {key: getattr(d, key) for key in ("title", "brief") if getattr(d, key)}

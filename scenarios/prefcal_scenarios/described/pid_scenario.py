@@ -72,7 +72,7 @@ def pid_scenario(
     plant = plant_of(plant, horizon)
     found = design(plant, _tuned, reference, horizon)
     made = [knob for k in range(len(found.loops)) for knob in _knobs(plant, found, k, knobs)]
-    space, factors = space_of(made, [_signed(plant, found, knob) for knob in knobs], "PID")
+    space, factors = space_of(made, [_sign_range(plant, found, knob) for knob in knobs], "PID")
     # The rules that apply to every loop.
     named = [n for n in found.loops[0].tunings if all(n in loop.tunings for loop in found.loops)]
     tunings = {name: [loop.tunings[name] for loop in found.loops] for name in named}
@@ -158,6 +158,7 @@ def _tune(plant: Plant, found: Design, loop: Single) -> Single:
     i, j, T_s, channel, point = loop.output, loop.input, found.T_s, loop.channel, found.point
     model = sampled(found.J.part([i], [j]), T_s, found.delay[[i]][:, [j]])
     omega = np.geomspace(1e-4 * np.pi / T_s, 0.999 * np.pi / T_s, 400)
+    # A gain that moves the input over its whole range at the step of the reference: more saturates.
     largest = max(channel.high - point.u[j], point.u[j] - channel.low) / abs(loop.step)
     best = robust(model, omega, np.geomspace(2e-3, 0.25, 26) * np.pi / T_s, largest=largest)
     if best is None:
@@ -170,6 +171,7 @@ def _tune(plant: Plant, found: Design, loop: Single) -> Single:
         )
     pid = LinearPIDs.of([best[0]], N)
     M, rows = pid.loops(model)[0], np.zeros((2, len(model.A) + 2))
+    # Only the output is looked at: the second row, for the input, stays 0.
     rows[0, : len(model.A)] = model.C[0]
     try:
         time, peak, _ = settling(M, pid.drive(model), rows, T_s)
@@ -256,7 +258,7 @@ def _sign(loop: Single) -> float:
     return float(np.sign(loop.tunings["robust"].K_p))
 
 
-def _signed(plant: Plant, found: Design, knob: Knob) -> Knob:
+def _sign_range(plant: Plant, found: Design, knob: Knob) -> Knob:
     """Return a knob that someone gave; a range of K_p gets the sign of the controller.
 
     Raises:
@@ -266,6 +268,7 @@ def _signed(plant: Plant, found: Design, knob: Knob) -> Knob:
     loop = loops.get(knob.name)
     if loop is None or (knob.high <= 0 if _sign(loop) < 0 else knob.low >= 0):
         return knob
+    # People state sizes: a positive range of a negative gain means the same range below 0.
     if _sign(loop) < 0 <= knob.low:
         return replace(knob, low=-knob.high, high=-knob.low)
     y, u, got = plant.outputs[loop.output].name, loop.channel.name, f"{knob.low:g} to {knob.high:g}"
@@ -278,6 +281,8 @@ def _signed(plant: Plant, found: Design, knob: Knob) -> Knob:
 def _around(values: Sequence[float]) -> tuple[float, float]:
     """Return a range around the first value, equally wide on both sides, that holds the others."""
     middle = values[0]
+    # A fifth beyond the farthest rule, so that its value is not at the very end of the range.
     reach = max([_REACH, *(1.2 * max(v / middle, middle / v) for v in values)])
+    # Sorted, since a negative middle turns the ends round.
     low, high = sorted((float(f"{middle / reach:.2g}"), float(f"{middle * reach:.2g}")))
     return low, high

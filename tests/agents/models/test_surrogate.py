@@ -21,7 +21,7 @@ from prefcal_agents.surrogate import (
     Shape,
     Surrogate,
     Validation,
-    _Known,
+    _StrictAnswers,
     choose_epsilon,
     fit,
     margins,
@@ -378,7 +378,7 @@ def test_the_evidence_is_the_probability_of_the_answers():
     # Three values: the orthant of a normal distribution, which scipy integrates.
     samples = np.array([[0.1], [0.4], [0.9]])
     preferences = Preferences(samples, np.array([1, 2]), np.array([0, 1]), np.array([-1, 1]), np.ones(2))
-    known = _Known.of(preferences, 1e-6)
+    known = _StrictAnswers.of(preferences, 1e-6)
     factor = known.factor(np.array([0.5]))[0]
     kernel, rows = factor @ factor.T, np.array([[1.0, -1.0, 0.0], [0.0, -1.0, 1.0]])
     true = multivariate_normal(np.zeros(2), rows @ kernel @ rows.T).cdf(np.zeros(2))
@@ -387,7 +387,7 @@ def test_the_evidence_is_the_probability_of_the_answers():
 
 @pytest.mark.parametrize("error_rate", [1e-6, 0.1])
 def test_the_slope_of_the_evidence_agrees_with_differences(error_rate):
-    known, lengths = _Known.of(PREFERENCES, error_rate), np.array([0.6, 0.5, 1.2])
+    known, lengths = _StrictAnswers.of(PREFERENCES, error_rate), np.array([0.6, 0.5, 1.2])
     factor, u, slope = known.factor(lengths)
     found = -0.5 * np.einsum("mN,jmN->j", known._pull(factor, known.posterior(factor, None)) * slope, u)
     for knob in range(3):

@@ -196,7 +196,7 @@ def test_many_mutations_without_lessons_keep_the_distribution():
     first = utilities = Utilities.drawn(scale, 4000, rng)
     for _ in range(40):
         new = Utilities.drawn(scale, 4000, rng, utilities.ordered > 0)
-        utilities = utilities.mutated(new, rng)
+        utilities = utilities.mutate(new, rng)
     assert utilities.normals.mean(axis=0) == pytest.approx(np.zeros(3), abs=0.06)
     assert utilities.normals.std(axis=0) == pytest.approx(np.ones(3), abs=0.05)
     assert np.corrcoef(utilities.normals.T)[np.triu_indices(3, 1)] == pytest.approx(0, abs=0.08)
@@ -218,7 +218,7 @@ def test_sure_people_rarely_answer_against_their_kpis():
 def test_a_mutation_changes_one_kpi_or_what_all_have_in_common():
     scale, rng = scale_of(random_bank()), np.random.default_rng(3)
     before = Utilities.drawn(scale, 500, rng)
-    after = before.mutated(Utilities.drawn(scale, 500, rng), rng)
+    after = before.mutate(Utilities.drawn(scale, 500, rng), rng)
     weight, shape = after.normals != before.normals, after.steps != before.steps
     common = (after.noticed != before.noticed) | (after.errors != before.errors)
     assert np.all(np.isin(weight.sum(axis=1), [0, 1, 3]))

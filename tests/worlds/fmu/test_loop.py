@@ -183,7 +183,7 @@ def test_an_fmu_is_reset_only_if_that_gives_the_same_record(tank, tmp_path, forg
     with zipfile.ZipFile(tank) as content:
         content.extractall(tmp_path)
     instants, shown = np.arange(21) * 0.1, (("Real", 3), ("Real", 4))
-    job = module.Job(str(tmp_path), (("Real", 0), ("Real", 1)), shown, instants, 1, None)
+    job = module.FMUJob(str(tmp_path), (("Real", 0), ("Real", 1)), shown, instants, 1, None)
     simulation, resets = module.FMUSimulation(job), []
     reset = simulation._fmu.reset
 

@@ -342,7 +342,7 @@ class Actuator:
     resolution: float = 0.0  # distance of the positions that it can have; 0 if it can have any
 
 
-class Response(NamedTuple):
+class LoopResponse(NamedTuple):
     """States and inputs of an experiment until it stopped, and the N steps of its controller."""
 
     x: Float[np.ndarray, "V n_x"]  # states, shape (V, n_x), finite
@@ -466,7 +466,7 @@ class Loop:
         except np.linalg.LinAlgError:  # there is no controller: no states and no steps
             x, u = np.zeros((0, len(self.plant.states))), np.zeros((0, len(self.plant.inputs)))
             none = np.zeros(0)
-            response = Response(x, u, none.astype(np.int64), none, none.astype(np.bool_))
+            response = LoopResponse(x, u, none.astype(np.int64), none, none.astype(np.bool_))
         return self._experiment(theta, response, hold)
 
     def scenario(self) -> Scenario:
@@ -529,14 +529,14 @@ class Loop:
         made = self.controller.make(values, plant, self.task, T_s)
         return LawController(made, T_s) if isinstance(made, Gains) else made
 
-    def _respond(self, values: KnobValues, hold: int, seed: int) -> Response:
+    def _respond(self, values: KnobValues, hold: int, seed: int) -> LoopResponse:
         """Return what the controller with these values of the knobs does."""
         made = self.controller.make(values, self.plant, self.task, hold * self.plant.max_step)
         if isinstance(made, Gains):
             return self.by_law(made, hold, seed)
         return self.by_controller(made, hold, seed)
 
-    def by_law(self, gains: Gains, hold: int, seed: int) -> Response:
+    def by_law(self, gains: Gains, hold: int, seed: int) -> LoopResponse:
         """Return what a compiled law does that acts every `hold` steps."""
         plant, task = self.plant, self.task
         x, u, valid = simulate(
@@ -548,11 +548,11 @@ class Loop:
         )
         steps = len(range(0, max(valid - 1, 0), hold))  # the last instant decides none
         none, all_ = np.zeros(steps), np.ones(steps, np.bool_)
-        return Response(x[:valid], u[:valid], none.astype(np.int64), none, all_)
+        return LoopResponse(x[:valid], u[:valid], none.astype(np.int64), none, all_)
 
     def by_controller(
         self, controller: Controller, hold: int, seed: int, clock: Callable[[], float] = time.perf_counter
-    ) -> Response:
+    ) -> LoopResponse:
         """Return what `controller` does; where it does not solve its problem, the input is held.
 
         Its sampling time is `hold` steps. Actuators and sensors are ideal. Only the duration of its
@@ -581,7 +581,7 @@ class Loop:
             if stopped:
                 break
         each = (np.array(column) for column in zip(*steps, strict=True))
-        return Response(x[:valid], u[:valid], *each)
+        return LoopResponse(x[:valid], u[:valid], *each)
 
     @property
     def _delay(self) -> int:
@@ -614,7 +614,7 @@ class Loop:
             if i in (*measured[: self.controlled], *beside)
         )
 
-    def _experiment(self, theta: Float[np.ndarray, " n"], response: Response, hold: int) -> Experiment:
+    def _experiment(self, theta: Float[np.ndarray, " n"], response: LoopResponse, hold: int) -> Experiment:
         """Return the record with its KPIs; it is empty if there was no controller."""
         plant, steps = self.plant, hold * np.arange(len(response.solved))
         bare = Experiment(
