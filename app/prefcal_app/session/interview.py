@@ -1,9 +1,8 @@
-"""An agent's questions and a person's answers: what is known, and the steps that can be taken."""
+"""An agent's questions and a person's answers: what is known, what can be done, and who does it."""
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import wraps
-from typing import Concatenate, ParamSpec, cast
+from typing import cast
 
 import numpy as np
 from jaxtyping import Float
@@ -13,7 +12,7 @@ from prefcal_agents.glisp.agent import Foresight
 from prefcal_agents.learned_cost import LearnedCost
 from prefcal_agents.screening.agent import Screening
 from prefcal_agents.screening.findings import Findings
-from prefcal_app.simulating import Screened, Simulated, Simulator, named_twin, promise, told
+from prefcal_app.simulating import Screened, Simulated, Simulator, named_twin, promise, simulates, told
 from prefcal_app.summary import (
     Consistency,
     Counts,
@@ -26,33 +25,18 @@ from prefcal_app.summary import (
     outlook,
 )
 from prefcal_env.compiling import Compiling, compile_missing
-from prefcal_env.errors import PreferenceError, ProtocolError, SettingsError, StaleError, StudyError
+from prefcal_env.errors import SettingsError, StudyError
 from prefcal_env.experiments.experiment import End, Experiment
-from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_env.preferences.answer import Comparison as Compared
 from prefcal_env.preferences.history import Comparison
-from prefcal_env.study import (
-    Adjusted,
-    Answered,
-    Ended,
-    Marked,
-    Requested,
-    Retracted,
-    Shown,
-    StudyFile,
-    Undone,
-)
+from prefcal_env.study import StudyFile
 from prefcal_env.wording import in_words
 from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
 
 from . import runs
-from .flow import CLOSED, Flow, Guarded, Latest, Thoughts, possible, refusal
-from .runs import Given, Preview
+from .actions import Action, Preview, Record, closed, possible
+from .flow import Flow, Guarded, Thoughts
 from .study import (
-    GOOD_ENOUGH,
-    MARKS,
-    QUESTIONS,
-    Choice,
     ExperimentStore,
     Now,
     Phase,
@@ -63,248 +47,7 @@ from .study import (
     is_robust,
     is_simulating,
     known_outcomes,
-    to_repeat,
 )
-
-# --- Apply answers, marks, undo and retractions to the flow; each is saved before it takes effect.
-
-
-def open_question(flow: Flow, question: int) -> Question:
-    """Return the open question. Raises StaleError unless its id is `question`."""
-    asked = flow.question
-    if asked is None or asked.id != question:
-        raise StaleError(CLOSED)
-    return asked
-
-
-def answer(flow: Flow, question: int, choice: Choice, *, comment: str = "", blind: bool = False) -> None:
-    """Answer the open question by side.
-
-    Args:
-        flow: Flow of the interview.
-        question: Id of the question.
-        choice: Verdict.
-        comment: Comment on the answer.
-        blind: Whether θ and the roles of the sides were hidden.
-    """
-    asked = open_question(flow, question)
-    _close(flow, asked, asked.answer(choice), comment, blind)
-
-
-def give(flow: Flow, question: int, answer: Answer) -> None:
-    """Answer the open question in terms of challenger and incumbent."""
-    _close(flow, open_question(flow, question), answer)
-
-
-def _close(flow: Flow, asked: Question, given: Answer, comment: str = "", blind: bool = False) -> None:
-    """Record the answer, teach it to the agent, and proceed."""
-    new, old = asked.challenger.index, asked.incumbent.index
-    given = asked.completed(given)
-    flow.append(Answered(asked.id, new, old, given, comment, blind))
-    if asked.repeats is None:
-        _go_on(flow, given)
-    else:
-        flow.proceed()
-    flow.latest = Latest(flow.version)
-
-
-def _go_on(flow: Flow, answer: Answer) -> None:
-    """Go on from an answer that is saved: at once if the agent knows what to ask next."""
-    flow.thoughts.take(answer)
-    if flow.at_once == 1 and flow.agent.knows(flow.agent.history):
-        return flow.proceed()
-    return flow.move(Phase.RUNNING)  # a proposal takes time, so `work` computes it
-
-
-def mark(flow: Flow, question: int, side: str, mark: str, on: bool) -> None:
-    """Set or clear a mark of the experiment on `side`; one mark replaces the other.
-
-    Raises:
-        StudyError: If there is no such side or mark.
-        PreferenceError: If a run that was interrupted as unsafe is marked as good enough.
-    """
-    asked = open_question(flow, question)
-    if side not in ("left", "right") or mark not in MARKS:
-        raise StudyError(f"a mark is one of {MARKS} on left or right, got {mark!r} on {side!r}")
-    which = asked.left if side == "left" else asked.right
-    if on and mark == GOOD_ENOUGH and which.counts_as_unsafe:
-        raise PreferenceError(
-            f"experiment {which.index + 1} was interrupted as unsafe: it cannot be good enough"
-        )
-    if on != (mark in which.marks):
-        flow.append(Marked(which.index, mark, on))
-        flow.show()
-
-
-def undo(flow: Flow, version: int) -> None:
-    """Undo the last answer, or skip a repeated question that is open.
-
-    `version` is the one that the person saw.
-    """
-    if version < flow.latest.version:
-        raise StaleError("an answer was given or undone since you looked")
-    draft = flow.latest.draft
-    if flow.question is None or flow.question.repeats is None:
-        draft = flow.state.history.latest[-1].comment
-        flow.append(Undone())
-    flow.proceed()
-    flow.latest = Latest(flow.version, draft)
-
-
-def closed(flow: Flow, answer: int) -> Comparison:
-    """Return answer number `answer`, see `Past.closed`."""
-    history = flow.state.history
-    answers = history.comparisons if answer >= 0 else (None, *history.follow_ups)
-    if not 1 <= abs(answer) < len(answers):
-        what = "answer" if answer >= 0 else "answer to a follow-up comparison"
-        raise StaleError(f"there is no {what} {abs(answer)}: {max(len(answers) - 1, 0)} are given")
-    found = answers[abs(answer)]
-    assert found is not None
-    return found
-
-
-def retract(flow: Flow, answer: int) -> None:
-    """Forget what an answer taught (see `closed`); all samples stay, including the open one."""
-    if closed(flow, answer).retracted:
-        raise StaleError(f"answer {answer} is retracted already")
-    if flow.phase is Phase.RUNNING and flow.study.pending is None:
-        # Propose the open sample first: it must not depend on this retraction.
-        flow.proceed()
-    flow.append(Retracted(answer))
-    if flow.phase is Phase.QUESTION:
-        flow.proceed()
-    else:
-        flow.version += 1
-
-
-def ask_for(flow: Flow, theta: Float[np.ndarray, " n"] | tuple[float, ...]) -> None:
-    """Compare physical `theta`, shape (n,), next, in place of the pending sample.
-
-    The θ of that sample is free again.
-
-    Raises:
-        ProtocolError: If all experiments are answered, or `theta` was tried before.
-        KnobError: If the space does not hold it, or a constraint forbids it.
-    """
-    twin, pending, asked = flow.agent.copy(), flow.study.pending, flow.question
-    twin.replace_pending(np.array(theta))
-    sample = twin.history.pending  # others may be pending behind it
-    assert sample is not None
-    shown = asked is None or asked.challenger.index == flow.state.history.answered
-    if pending is not None and pending.theta == sample.theta and shown:
-        return  # it is the next one already
-    index = flow.state.history.answered
-    flow.append(Requested(index, sample.z, sample.theta), *flow.finished(index, np.array(sample.theta)))
-    flow.proceed()
-
-
-def choose(flow: Flow, theta: Float[np.ndarray, " n"] | tuple[float, ...], best: int) -> None:
-    """Choose a simulated `theta`, shape (n,), after the end, instead of experiment `best`.
-
-    It is asked for, and the question about it is answered by the choice, if its run is known from a
-    look at both; then the study is over again, for the same reason. A plant has to run it first: that
-    is all that follows.
-
-    Raises:
-        StaleError: If another experiment is the best by now.
-        ProtocolError: If `theta` was tried before.
-        KnobError: If the space does not hold it, or a constraint forbids it.
-    """
-    if flow.study.best != best:
-        raise StaleError("another experiment is the best by now: look at both again")
-    wanted = flow.agent.space.check_allowed(np.array(theta))
-    if flow.agent.space.close(wanted, flow.agent.samples).any():
-        raise ProtocolError("an experiment was run with this θ: it was compared already")
-    reason = flow.state.ended
-    assert reason is not None
-    runs.go_on(flow, more=int(flow.state.history.answered >= flow.state.n_max))
-    ask_for(flow, wanted)
-    asked, samples = flow.question, flow.state.history.samples
-    if asked is not None and np.array_equal(samples[asked.challenger.index].theta, wanted):
-        _close(flow, asked, Answer(Preference.CHALLENGER, marks=asked.marks))
-        flow.append(Ended(reason))
-        flow.proceed()
-
-
-def pace(flow: Flow, questions: int) -> None:
-    """Ask at most `questions` comparisons per experiment, 1 or more, from now on.
-
-    Raises:
-        SettingsError: If that is not valid.
-    """
-    agent = cast(GLISp, flow.agent)
-    changed = agent.with_questions(questions)
-    if questions == agent.settings.questions_per_experiment:
-        return
-    flow.append(Adjusted({QUESTIONS: questions}))
-    flow.agent = changed
-    if flow.phase is not Phase.QUESTION:
-        flow.version += 1
-    elif flow.study.is_overtaken:
-        flow.proceed()
-    else:
-        flow.show()  # discards what was prefetched for this question
-
-
-def repeat(flow: Flow) -> None:
-    """Show an earlier question again, with its sides swapped; the answer teaches nothing."""
-    again = to_repeat(flow.state, flow.study.seed)
-    assert again is not None
-    assert again.incumbent is not None
-    left = not again.challenger_left
-    flow.show(Shown(again.challenger, again.incumbent, left, again.question))
-
-
-# --- Offer what a person can do in an interview.
-
-P = ParamSpec("P")
-
-
-def _step(name: str, step: Callable[Concatenate[Flow, P], None]) -> Callable[Concatenate["Steps", P], Now]:
-    """Return a method that takes a step if that is possible now, and returns what is then to be seen."""
-
-    @wraps(step)
-    def take(self: "Steps", /, *args: P.args, **kwargs: P.kwargs) -> Now:
-        with self._guarded.changing() as flow:
-            if (refused := refusal(flow, name)) is not None:
-                raise refused
-            step(flow, *args, **kwargs)
-            return self._now()
-
-    return take
-
-
-class Steps:
-    """Steps of a person. Each is saved before it takes effect, and returns what is then to be seen.
-
-    A step on an outdated page, for example in a second tab, raises StaleError and records nothing.
-    If the file cannot be written, it raises StudyError and changes nothing.
-
-    Args:
-        guarded: Flow of the interview.
-        now: Function that returns what is to be seen.
-    """
-
-    def __init__(self, guarded: Guarded, now: Callable[[], Now]) -> None:
-        self._guarded, self._now = guarded, now
-
-    answer = _step("answer", answer)
-    give = _step("give", give)
-    mark = _step("mark", mark)
-    undo = _step("undo", undo)
-    retract = _step("retract", retract)
-    repeat = _step("repeat", repeat)
-    pace = _step("pace", pace)
-    ask_for = _step("ask_for", ask_for)
-    choose = _step("choose", choose)
-    record = _step("record", runs.record)
-    write_and_start = _step("write_and_start", runs.confirm)
-    stop_run = _step("stop_run", runs.stop)
-    fail = _step("fail", runs.fail)
-    retry = _step("retry", runs.retry)
-    finish = _step("finish", runs.finish)
-    go_on = _step("go_on", runs.go_on)
-
 
 # --- Say what is known of a study: its experiments and answers, what was learned, whether to continue.
 
@@ -346,7 +89,7 @@ class Known:
         """Return the maximum number of comparisons per experiment; None if it is fixed at 1."""
         with self._guarded.reading() as flow:
             agent = flow.agent
-        return agent.settings.questions_per_experiment if isinstance(agent, GLISp) else None
+        return cast(GLISp, agent).settings.questions_per_experiment if agent.paced else None
 
     @property
     def simulated(self) -> Simulated | None:
@@ -436,7 +179,7 @@ class Known:
     def screens(self) -> bool:
         """Return whether the agent simulates θ that are not shown."""
         with self._guarded.reading() as flow:
-            return isinstance(flow.agent, Screening)
+            return simulates(flow.agent)
 
     @property
     def findings(self) -> Findings | None:
@@ -493,16 +236,17 @@ class Known:
 def simulated(flow: Flow) -> Simulated | None:
     """Return how many θ were simulated unseen; None if the agent simulates nothing."""
     simulator, screened = flow.thoughts.simulator, flow.thoughts.screened
-    if simulator is None or not isinstance(flow.agent, Screening):
+    if simulator is None:
         return None
-    planned = flow.agent.n_simulated
+    agent = cast(Screening, flow.agent)
+    planned = agent.n_simulated
     # What was simulated for answers that were not given is not counted.
     shown = len(flow.state.finished)
     count, failed = min(simulator.count, planned), simulator.failed
     if screened is not None:
         count, failed = len(screened.bank), int(screened.bank.failed.sum())
     # Equal θ run once: where nothing is simulated any more, fewer than that were.
-    twin, due = flow.thoughts.twin is not None, flow.agent.due if simulator.busy else 0
+    twin, due = flow.thoughts.twin is not None, agent.due if simulator.busy else 0
     return Simulated(count, planned, failed, shown, twin=twin, due=due)
 
 
@@ -573,7 +317,6 @@ class Interview:
 
     Attributes:
         file: Study file.
-        steps: What the person can do.
         known: What is known: counts, what was learned, and whether to continue.
         past: Experiments and answers so far.
     """
@@ -603,7 +346,7 @@ class Interview:
         store = ExperimentStore(scenario, file)
         self._flow = Flow(file, store, agent, Thoughts(simulator, twin), at_once)
         self._guarded = Guarded(self._flow)
-        self.steps, self.past = Steps(self._guarded, self.now), Past(self._guarded)
+        self.past = Past(self._guarded)
         self.known = Known(self._guarded, lambda: self.scenario)
         self._preparing: Compiling | None = None
         self._idle_at: int | None = None
@@ -635,7 +378,7 @@ class Interview:
                 problem=None if flow.problem is None else in_words(flow.problem),
                 pending=study.pending,
                 incumbent=study.best,
-                can=possible(flow),
+                can=possible(study),
                 state=flow.state,
                 preparing=self._preparing,
                 draft=flow.latest.draft,
@@ -668,10 +411,21 @@ class Interview:
         """
         return runs.look_at(self._flow, self._guarded.changed, theta)
 
-    def preview(self, given: Given) -> Preview:
+    def do(self, action: Action) -> Now:
+        """Take an action if that is possible now, and return what is then to be seen.
+
+        Raises:
+            StaleError: If it comes too late, for example from a second tab; nothing is recorded.
+            StudyError: If the file cannot be written; nothing has changed then.
+        """
+        with self._guarded.changing() as flow:
+            action.take(flow)
+            return self.now()
+
+    def preview(self, record: Record) -> Preview:
         """Read a rig's record, and save nothing. Raises RecordError if it is refused."""
         with self._guarded.reading() as flow:
-            return runs.preview(flow, given)
+            return record.preview(flow)
 
     @property
     def drives(self) -> bool:

@@ -4,7 +4,7 @@ from collections import OrderedDict
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import Any, cast
+from typing import Any, Final, cast
 from weakref import WeakValueDictionary
 
 import numpy as np
@@ -34,7 +34,7 @@ from prefcal_env.preferences.answer import (
 )
 from prefcal_env.preferences.answer import Comparison as Compared
 from prefcal_env.preferences.history import Comparison, History
-from prefcal_env.sources.source import Change, Progress, RunCurve
+from prefcal_env.sources.source import Asks, Change, Progress, RunCurve
 from prefcal_env.study import Ended, Event, Led, Shown, State, StudyFile, Suggested, Taken, space_of
 from prefcal_env.study import knobs_as_dicts as knobs_as_dicts
 from prefcal_scenarios.runs import outcome
@@ -42,7 +42,8 @@ from prefcal_scenarios.scenario import Scenario, with_ranges
 
 # --- Define what a front end sees of a study at one moment: the phase, the question, the plant.
 
-UNSAFE, GOOD_ENOUGH = "unsafe", "good enough"
+UNSAFE: Final = "unsafe"
+GOOD_ENOUGH: Final = "good enough"
 MARKS = (UNSAFE, GOOD_ENOUGH)
 """Marks that a person can give an experiment, apart from any verdict."""
 
@@ -110,6 +111,10 @@ class Question:
     def incumbent(self) -> Side:
         """Return the other side: the best so far, or the rival in a follow-up comparison."""
         return self.right if self.left.challenger else self.left
+
+    def side(self, name: str) -> Side:
+        """Return the side "left" or "right"."""
+        return self.left if name == "left" else self.right
 
     def preference(self, choice: Choice) -> Preference | None:
         """Return the preference of eq. pref_fun that `choice` means; None for an abstention."""
@@ -275,6 +280,25 @@ Todo = Think | Write | Settle | Wait | Ask | Over
 
 
 @dataclass(frozen=True, slots=True)
+class Plant:
+    """What decides of a plant, or of whatever runs θ, what a person can do now.
+
+    Args:
+        asks: What a person does for each run, as `Source.asks` says.
+        stops: Whether a run can be stopped.
+        moves: Whether a run changes the plant now.
+        ready: Whether it is known what the pending run would write.
+        recovery: Whether the plant has its old values again.
+    """
+
+    asks: Asks = ""
+    stops: bool = False
+    moves: bool = False
+    ready: bool = False
+    recovery: Recovery = Recovery.DONE
+
+
+@dataclass(frozen=True, slots=True)
 class Study:
     """A study at one moment. Whoever drives it saves each event, and asks again what is to do.
 
@@ -284,6 +308,8 @@ class Study:
         state: State after all events, see `prefcal_env.study.fold`.
         at_once: Number of experiments that may be pending at the same time.
         simulates: Whether choosing a query may take simulations.
+        phase: What it waits for.
+        plant: What runs θ.
     """
 
     strategy: Strategy
@@ -291,6 +317,14 @@ class Study:
     state: State
     at_once: int = 1
     simulates: bool = False
+    phase: Phase = Phase.RUNNING
+    plant: Plant = Plant()
+
+    @property
+    def repeats(self) -> bool:
+        """Return whether the question that is open was asked before."""
+        shown = self.state.open
+        return self.phase is Phase.QUESTION and shown is not None and shown[1].repeats is not None
 
     @property
     def _may_stop(self) -> bool:

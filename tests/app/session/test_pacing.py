@@ -3,7 +3,7 @@
 import pytest
 
 from prefcal_agents import GLIS, RandomSearch
-from prefcal_app.session import Phase
+from prefcal_app.session import Phase, actions
 from prefcal_app.session.study import agent_of, questions_of
 from prefcal_env.errors import SettingsError, StaleError, StudyError
 from support.interviews import THREE, begin, judge, proceed, reopened, until_further
@@ -11,7 +11,7 @@ from support.interviews import THREE, begin, judge, proceed, reopened, until_fur
 
 def answer(interview):
     now = proceed(interview)
-    interview.steps.answer(now.question.id, judge(now.question, interview.scenario.cost))
+    interview.do(actions.Answer(now.question.id, judge(now.question, interview.scenario.cost)))
     return proceed(interview)
 
 
@@ -22,13 +22,13 @@ def pair(question):
 def test_an_open_further_question_disappears_when_there_are_to_be_fewer(toy):
     interview = begin(toy, n_max=8, agent=THREE)
     question = until_further(interview)
-    assert interview.steps.pace(2).question.id == question.id
-    interview.steps.pace(1)
+    assert interview.do(actions.Pace(2)).question.id == question.id
+    interview.do(actions.Pace(1))
     now = proceed(interview)
     assert not now.question.further
     assert now.question.challenger.index == question.challenger.index + 1
     with pytest.raises(StaleError):
-        interview.steps.answer(question.id, judge(question, toy.cost))
+        interview.do(actions.Answer(question.id, judge(question, toy.cost)))
     while answer(interview).phase is not Phase.OVER:
         pass
     assert not interview.now().state.history.follow_ups
@@ -40,7 +40,7 @@ def test_a_study_resumes_identically_after_each_change(toy, tmp_path, most):
     path = tmp_path / "paced.prefcal"
     interview = begin(toy, n_max=9, agent=THREE, path=path)
     until_further(interview)
-    interview.steps.pace(most)
+    interview.do(actions.Pace(most))
     asked = []
     while (now := proceed(interview)).phase is Phase.QUESTION:
         twin = agent_of(now.state, toy.space)
@@ -75,7 +75,7 @@ def test_an_agent_that_asks_one_refuses(toy, agent):
     proceed(interview)
     assert interview.known.questions is None
     with pytest.raises(SettingsError, match="only the agent glisp"):
-        interview.steps.pace(2)
+        interview.do(actions.Pace(2))
 
 
 def test_while_something_has_failed_it_has_to_wait(toy):
@@ -87,7 +87,7 @@ def test_while_something_has_failed_it_has_to_wait(toy):
     interview = begin(replace(toy, run=broken), agent=THREE)
     assert proceed(interview).phase is Phase.FAILED
     with pytest.raises(StaleError, match="try it again first"):
-        interview.steps.pace(1)
+        interview.do(actions.Pace(1))
 
 
 @pytest.mark.parametrize(("settings", "most"), [({}, 1), ({"questions_per_experiment": 4}, 4), (None, 1)])

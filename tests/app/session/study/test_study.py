@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from prefcal_agents import GLISp
-from prefcal_app.session import Choice
+from prefcal_app.session import Choice, actions
 from prefcal_app.session.study import Ask, Over, Settle, Study, Wait, Write
 from prefcal_env.preferences.history import History
 from prefcal_env.study import Answered, Created, Finished
@@ -58,7 +58,7 @@ def test_an_answer_makes_another_study_and_changes_none():
     asked = study.todo()
     assert asked == Ask(study.state.open[1])
     assert not study.is_overtaken
-    interview.steps.answer(question.id, judge(question, TOY.cost))
+    interview.do(actions.Answer(question.id, judge(question, TOY.cost)))
     assert study.todo() == asked
     assert interview._flow.study.todo() != asked
 
@@ -66,7 +66,7 @@ def test_an_answer_makes_another_study_and_changes_none():
 def test_an_ended_study_asks_nothing_whatever_the_agent_would():
     interview = begin(TOY, n_max=6)
     question = proceed(interview).question
-    interview.steps.answer(question.id, Choice.LEFT)
+    interview.do(actions.Answer(question.id, Choice.LEFT))
     study = interview._flow.study
     assert not isinstance(study.todo(), Over)
     assert isinstance(replace(study, state=replace(study.state, ended="stopped")).todo(), Over)
