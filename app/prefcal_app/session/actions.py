@@ -3,6 +3,7 @@
 The page reads an action from JSON, the terminal and Python make it, and `Interview.do` takes it.
 """
 
+import re
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -41,7 +42,9 @@ from .study import (
     GOOD_ENOUGH,
     MARKS,
     QUESTIONS,
+    TRANSITIONS,
     Choice,
+    Moment,
     Phase,
     Question,
     Recovery,
@@ -96,7 +99,7 @@ class Action(Struct, frozen=True, forbid_unknown_fields=True):
 
     def take(self, flow: Flow) -> None:
         """Save what follows from it, then let it take effect; raise its `refusal` if there is one."""
-        if (refused := self.refusal(flow.study)) is not None:
+        if (refused := self.refusal(flow.standing)) is not None:
             raise refused
         self._take(flow)
 
@@ -139,7 +142,7 @@ def _go_on(flow: Flow, answer: preferences.Answer) -> None:
     flow.thoughts.take(answer)
     if flow.at_once == 1 and flow.agent.knows(flow.agent.history):
         return flow.proceed()
-    return flow.move(Phase.RUNNING)  # a proposal takes time, so `work` computes it
+    return flow.feed(Moment.THINK)  # a proposal takes time, so `work` computes it
 
 
 class Answer(Action, frozen=True):
@@ -311,7 +314,7 @@ class Pace(Action, frozen=True):
         if self.questions == agent.settings.questions_per_experiment:
             return
         flow.append(events.Adjusted({QUESTIONS: self.questions}))
-        flow.agent = changed
+        flow.become(changed)
         if flow.phase is Phase.QUESTION:
             flow.resume()  # discards what was prefetched for this question
         else:
@@ -425,7 +428,7 @@ class Record(Action, frozen=True):
 
     def preview(self, flow: Flow) -> Preview:
         """Read the record, and save nothing; raise RecordError if it or the θ that was set is refused."""
-        if (refused := self.refusal(flow.study)) is not None:
+        if (refused := self.refusal(flow.standing)) is not None:
             raise refused
         pending, finished, index = flow.study.pending, flow.state.finished, self.index
         due = flow.phase is Phase.RECORD and pending is not None and pending.index == index
@@ -452,15 +455,15 @@ class Record(Action, frozen=True):
         if theta is not None:
             z = flow.store.scenario.space.encode(theta)
             before.append(events.Dialed(index, tuple(z.tolist()), tuple(theta.tolist())))
-        replaces = index in flow.state.finished
+        replaces, asked = index in flow.state.finished, flow.question is not None
         if replaces:
             known = Outcome(outcome(flow.store.scenario, seen.experiment)).to_dict()
             before.append(events.Replaced(index, known, counts_as_unsafe(seen.experiment)))
         flow.append(*before, (events.Finished(index), seen.experiment))
-        if not replaces or flow.phase is Phase.QUESTION:
+        if not replaces or asked:
             flow.proceed()  # a question about the wrong curves is asked again, under another id
         else:
-            flow.version += 1
+            flow.feed(Moment.RECORD)  # that of the pending sample is still waited for
 
     def _dialed(self, flow: Flow) -> Float[np.ndarray, " n"] | None:
         """Return the θ that was really set, shape (n,); None if it equals the sample's."""
@@ -531,7 +534,7 @@ class WriteAndStart(Action, frozen=True):
         assert run.changes is not None
         run.supply(run.changes)
         run.waits, run.moves_plant = False, True
-        flow.move(Phase.RUNNING)
+        flow.feed(Moment.CONFIRMED)
 
 
 class StopRun(Action, frozen=True):
@@ -607,7 +610,7 @@ class Retry(Action, frozen=True):
         if flow.phase is Phase.CONFIRM and study.pending is not None:
             underway.wait_for(study.pending, study.unfinished, anew=True)
         if flow.phase is Phase.FAILED:
-            flow.move(Phase.RUNNING)
+            flow.feed(Moment.RETRIED)
             if study.pending is not None and not underway.source.asks:
                 underway.wait_for(study.pending, study.unfinished)
 
@@ -641,31 +644,15 @@ class GoOn(Action, frozen=True):
             raise StaleError(f"all {state.n_max} experiments are compared: say how many more")
         extended = [events.Extended(state.n_max + more)] if more else []
         flow.append(*extended, events.Reopened())
-        flow.agent = agent_of(flow.state, flow.store.scenario.space, flow.thoughts.simulator)
+        flow.become(agent_of(flow.state, flow.store.scenario.space, flow.thoughts.simulator))
         flow.proceed()
 
 
 # --- List all actions.
 
 ACTIONS: Mapping[str, type[Action]] = MappingProxyType(
-    {
-        "answer": Answer,
-        "give": Give,
-        "mark": Mark,
-        "undo": Undo,
-        "retract": Retract,
-        "repeat": Repeat,
-        "pace": Pace,
-        "ask_for": AskFor,
-        "choose": Choose,
-        "record": Record,
-        "write_and_start": WriteAndStart,
-        "stop_run": StopRun,
-        "fail": Fail,
-        "retry": Retry,
-        "finish": Finish,
-        "go_on": GoOn,
-    }
+    # WriteAndStart is "write_and_start".
+    {re.sub("(?<!^)(?=[A-Z])", "_", kind.__name__).lower(): kind for kind in Action.__subclasses__()}
 )
 """All actions by name: what `Now.can` holds, and the page's addresses."""
 
@@ -673,3 +660,14 @@ ACTIONS: Mapping[str, type[Action]] = MappingProxyType(
 def possible(study: Study) -> frozenset[str]:
     """Return the names of the actions that can be taken now; screens offer these and no others."""
     return frozenset(name for name, action in ACTIONS.items() if action.refusal(study) is None)
+
+
+def transitions() -> str:
+    """Return the whole machine as a table: which actions a phase allows, and where each event leads."""
+    heads = ["", *(phase.value for phase in Phase)]
+    rows = [[name, *("can" * (p in action.when) for p in Phase)] for name, action in ACTIONS.items()]
+    for happened, (sources, target) in TRANSITIONS.items():
+        name = happened.value if isinstance(happened, Moment) else happened.__name__
+        rows.append([name, *(target.value * (p in sources) for p in Phase)])
+    lines = [heads, ["---"] * len(heads), *rows]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)

@@ -24,7 +24,7 @@ from prefcal_scenarios.scenario import Scenario
 from .study import (
     Ask,
     ExperimentStore,
-    Over,
+    Moment,
     Phase,
     Plant,
     PlantNow,
@@ -33,8 +33,6 @@ from .study import (
     Settle,
     Side,
     Study,
-    Think,
-    Wait,
     Write,
 )
 
@@ -332,7 +330,11 @@ class Latest:
 
 @dataclass(slots=True)
 class Flow:
-    """What drives a study, and changes; callers must hold the interview's lock."""
+    """What drives a study, with its lock, and tells of changes.
+
+    The study is a value: whoever reads `study` or `state` needs no lock. Whoever reads experiments or
+    what is thought holds `changed`; whoever changes anything does so within `changing`.
+    """
 
     file: StudyFile
     store: ExperimentStore
@@ -340,29 +342,56 @@ class Flow:
     thoughts: Thoughts
     at_once: int = 1
     """Number of experiments that run at the same time."""
-    phase: Phase = Phase.RUNNING
-    question: Question | None = None
-    problem: Exception | None = None
-    proposed: bool = False
-    """Whether the agent has proposed what can run until the next answer, if several do."""
     version: int = 0
     latest: Latest = Latest()
+    study: Study = field(init=False)
     underway: UnderWay = field(init=False)
+    changed: threading.Condition = field(default_factory=lambda: threading.Condition(threading.RLock()))
+    """Lock; it is notified of each change."""
+    closing: bool = False
+    """Whether no more work is taken."""
+    has_background: bool = False
+    """Whether threads take work in the background."""
+    _question: Question | None = None
+    _problem: Exception | None = None
 
     def __post_init__(self) -> None:
-        self.underway = UnderWay(self.store.scenario.source, int(self.state.configuration["seed"]))
+        source = self.store.scenario.source
+        self.study = Study(
+            self.agent,
+            self.agent.history,
+            self.file.state,
+            at_once=self.at_once,
+            simulates=self.thoughts.simulator is not None,
+            plant=Plant(source.asks, source.stops),
+        )
+        self.underway = UnderWay(source, self.study.seed)
+        self.underway.changed = self.tell
+
+    @property
+    def phase(self) -> Phase:
+        """Return what the study waits for."""
+        return self.study.phase
+
+    @property
+    def question(self) -> Question | None:
+        """Return the open question, in phase QUESTION."""
+        return self._question if self.phase is Phase.QUESTION else None
+
+    @property
+    def problem(self) -> Exception | None:
+        """Return what went wrong, in phase FAILED."""
+        return self._problem if self.phase is Phase.FAILED else None
 
     @property
     def state(self) -> State:
         """Return the state of the study file."""
-        return self.file.state
+        return self.study.state
 
     @property
-    def study(self) -> Study:
-        """Return the study at this moment."""
-        simulates = self.thoughts.simulator is not None
-        agent, plant = self.agent, self.underway.facts(self.state.history.pending)
-        return Study(agent, agent.history, self.state, self.at_once, simulates, self.phase, plant)
+    def standing(self) -> Study:
+        """Return the study with what is known now of the plant, which no event tells."""
+        return replace(self.study, plant=self.underway.facts(self.state.history.pending))
 
     @property
     def findings(self) -> Findings | None:
@@ -384,14 +413,25 @@ class Flow:
         Raises:
             StudyError: If they cannot be saved; then nothing has changed.
         """
-        numbers = self.file.append(*events)
-        self.agent.history = self.agent.recorded(self.state.history)
-        return numbers
+        phase, state = self.phase, self.file.state
+        try:
+            return self.file.append(*events)
+        finally:
+            if self.file.state is not state:  # recorded, also if Ctrl-C came right after that
+                for event in events:
+                    happened = event[0] if isinstance(event, tuple) else event
+                    self.study = self.study.feed(happened, self.file.state)
+                self.become(self.agent)
+                self.version += self.phase is not phase
 
-    def move(self, phase: Phase, problem: Exception | None = None) -> None:
-        """Enter `phase`, without a question."""
-        self.proposed = False
-        self.phase, self.problem, self.question = phase, problem, None
+    def become(self, agent: Agent) -> None:
+        """Go on with an agent, which learns what the study file says."""
+        agent.history = agent.recorded(self.state.history)
+        self.agent, self.study = agent, replace(self.study, strategy=agent, history=agent.history)
+
+    def feed(self, moment: Moment, problem: Exception | None = None) -> None:
+        """Take note of what happened and is no event of the file."""
+        self.study, self._problem = self.study.feed(moment), problem
         self.version += 1
 
     def resume(self) -> None:
@@ -413,29 +453,23 @@ class Flow:
         try:
             self._proceed()
         except Exception as error:
-            self.move(Phase.FAILED, error)
+            self.feed(Moment.BROKEN, error)
 
     def _proceed(self) -> None:
-        thought = False
         while True:
-            match self.study.todo(thought=thought):
+            match self.study.next():
                 case Write(Suggested(index=index, theta=theta) as event):
                     self.append(event, *self.finished(index, np.array(theta)))
-                    thought = True
                 case Write(event):
                     self.append(event)
-                    thought = True
                 case Settle(index):
                     self.append(self._settled(index))
-                    thought = False
-                case Think():
-                    return self.move(Phase.RUNNING)
-                case Wait():
-                    return self._wait()
                 case Ask(shown):
                     return self.show(shown)
-                case Over():
-                    return self.move(Phase.OVER)
+                case moment:
+                    if moment in (Moment.RUN, Moment.RECORD, Moment.CONFIRM):
+                        self._wait()
+                    return self.feed(moment)
 
     def finished(
         self, index: int, theta: Float[np.ndarray, " n"]
@@ -455,12 +489,10 @@ class Flow:
         return Answered(None, index, None, completed(Answer(None), experiment, None, outcomes))
 
     def _wait(self) -> None:
-        asks, pending = self.underway.source.asks, self.study.pending
+        pending = self.study.pending
         assert pending is not None
         # Also if its run failed before: the person may have fixed the plant since.
-        self.underway.wait_for(pending, self.study.unfinished, anew=bool(asks))
-        self.move(Phase(asks) if asks else Phase.RUNNING)
-        self.proposed = not asks
+        self.underway.wait_for(pending, self.study.unfinished, anew=bool(self.underway.source.asks))
 
     def show(self, shown: Shown | None = None) -> None:
         """Show a question, by default the open one again with its current marks."""
@@ -478,65 +510,39 @@ class Flow:
         else:
             further = any(c.question == shown.repeats for c in self.state.history.follow_ups)
             question = replace(question, further=further)
-        self.move(Phase.QUESTION)
-        self.question = question
+        self.feed(Moment.ASKED)
+        self._question = question
 
     def _with_role(self, side: Side, further: bool) -> Side:
         """Return `side` with its role: "best so far", "new" or none."""
         role = "new" if side.challenger and not further else ""
         return replace(side, role="best so far" if side.index == self.study.best else role)
 
-
-class Guarded:
-    """A flow with its lock, which also tells of changes.
-
-    Args:
-        flow: Flow of the interview.
-
-    Attributes:
-        changed: Lock; it is notified of each change.
-        closing: Whether no more work is taken.
-        has_background: Whether threads take work in the background.
-    """
-
-    def __init__(self, flow: Flow) -> None:
-        self._flow = flow
-        self.changed = threading.Condition(threading.RLock())
-        self.closing = self.has_background = False
-        flow.underway.changed = self.tell
-
     @contextmanager
-    def reading(self) -> Iterator[Flow]:
-        """Hold the lock while the flow is read."""
+    def changing(self) -> Iterator[None]:
+        """Hold the lock while the study changes, and tell of it afterward."""
         with self.changed:
-            yield self._flow
-
-    @contextmanager
-    def changing(self) -> Iterator[Flow]:
-        """Hold the lock while the flow is changed, and tell of it afterward."""
-        with self.changed:
-            version = self._flow.version
+            version = self.version
             try:
-                yield self._flow
+                yield
             finally:
-                if self._flow.version != version:
+                if self.version != version:
                     self._make_way()
                     self.changed.notify_all()
 
     def tell(self) -> None:
         """Tell front ends that there is news, such as of a run in progress."""
-        with self.changing() as flow:
-            flow.version += 1
+        with self.changing():
+            self.version += 1
 
     def _make_way(self) -> None:
         """Stop soon what runs or thinks in advance, if something else is waited for."""
-        flow = self._flow
-        flow.thoughts.make_way(flow.agent.history if flow.phase is Phase.RUNNING else None)
-        several = flow.at_once > 1
-        if flow.underway.source.asks or (flow.phase is not Phase.RUNNING and not several):
+        self.thoughts.make_way(self.agent.history if self.phase is Phase.RUNNING else None)
+        several = self.at_once > 1
+        if self.underway.source.asks or (self.phase is not Phase.RUNNING and not several):
             return
-        wanted = flow.study.unfinished if several else filter(None, [flow.study.pending])
-        keys = {theta_key(sample.theta) for sample in wanted if flow.phase is not Phase.OVER}
-        for key, run in flow.underway.going.items():
+        wanted = self.study.unfinished if several else filter(None, [self.study.pending])
+        keys = {theta_key(sample.theta) for sample in wanted if self.phase is not Phase.OVER}
+        for key, run in self.underway.going.items():
             if key not in keys:
                 run.stop("given up", within=_COURTESY)

@@ -35,9 +35,10 @@ from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
 
 from . import runs
 from .actions import Action, Preview, Record, closed, possible
-from .flow import Flow, Guarded, Thoughts
+from .flow import Flow, Thoughts
 from .study import (
     ExperimentStore,
+    Moment,
     Now,
     Phase,
     Question,
@@ -59,52 +60,47 @@ class Known:
     """What is known of an interview, readable from any thread.
 
     Args:
-        guarded: Flow of the interview.
+        flow: Flow of the interview.
         scenario: Function that returns its scenario, with KPIs found in its experiments.
     """
 
-    def __init__(self, guarded: Guarded, scenario: Callable[[], Scenario]) -> None:
-        self._guarded, self._scenario = guarded, scenario
+    def __init__(self, flow: Flow, scenario: Callable[[], Scenario]) -> None:
+        self._flow, self._scenario = flow, scenario
 
     @property
     def counts(self) -> Counts:
         """Return the numbers of experiments and comparisons."""
-        with self._guarded.reading() as flow:
-            return Counts.of(flow.state)
+        return Counts.of(self._flow.state)
 
     @property
     def planned(self) -> Planned:
         """Return how many questions the study asks."""
-        with self._guarded.reading() as flow:
-            return Planned.of(flow.agent)
+        with self._flow.changed:
+            return Planned.of(self._flow.agent)
 
     @property
     def n_max(self) -> int:
         """Return the planned number of experiments; fewer if the space holds fewer θ."""
-        with self._guarded.reading() as flow:
-            return flow.agent.n_max
+        return self._flow.agent.n_max
 
     @property
     def questions(self) -> int | None:
         """Return the maximum number of comparisons per experiment; None if it is fixed at 1."""
-        with self._guarded.reading() as flow:
-            agent = flow.agent
+        agent = self._flow.agent
         return cast(GLISp, agent).settings.questions_per_experiment if agent.paced else None
 
     @property
     def simulated(self) -> Simulated | None:
         """Return how many θ were simulated unseen; None if the agent simulates nothing."""
-        with self._guarded.reading() as flow:
-            return simulated(flow)
+        return simulated(self._flow)
 
     @property
     def surrogate(self) -> Surrogate | None:
         """Return the learned cost of m physical θ, lower is better; None if nothing is learned."""
-        with self._guarded.reading() as flow:
-            closed = flow.state.history.comparisons
-            learned = any(c.answer.preference is not None and not c.retracted for c in closed)
-            # A copy, since the surrogate must not change while it is shown.
-            return getattr(flow.agent.copy(), "surrogate", None) if learned else None
+        closed = self._flow.state.history.comparisons
+        learned = any(c.answer.preference is not None and not c.retracted for c in closed)
+        # A copy, since the surrogate must not change while it is shown.
+        return getattr(self._flow.agent.copy(), "surrogate", None) if learned else None
 
     @property
     def _promise(self) -> str | None:
@@ -112,15 +108,14 @@ class Known:
         if self.screens:
             found = self.findings
             return (promise(found) or None) if found is not None else None
-        with self._guarded.reading() as flow:
-            closed = flow.state.history.comparisons
+        closed = self._flow.state.history.comparisons
         return self.promise if sum(c.verdict is not None for c in closed) >= _LEAST else None
 
     @property
     def promise(self) -> str:
         """Return what the next experiment can bring; empty if unknown, and if the person chose it."""
-        with self._guarded.reading() as flow:
-            pending, requested = flow.study.pending, flow.state.requested
+        study = self._flow.study
+        pending, requested = study.pending, study.state.requested
         index, found = None if pending is None else pending.index, self.foresight()
         return "" if found is None or index in requested else foreseen(found.chance, index)
 
@@ -129,8 +124,7 @@ class Known:
 
         With `learn`, or if no threads work in the background, it is worked out here and now.
         """
-        with self._guarded.reading() as flow:
-            agent, learn = flow.agent.copy(), learn or not self._guarded.has_background
+        agent, learn = self._flow.agent.copy(), learn or not self._flow.has_background
         if not isinstance(agent, GLISp) or not (learn or agent.foresees):
             return None
         return agent.foresight
@@ -141,8 +135,7 @@ class Known:
         best, promise = self._best(), self._promise
         if promise is None or best is None:
             return None
-        with self._guarded.reading() as flow:
-            state, place, by_value = flow.state, flow.file.path, flow.agent.by_value
+        state, place, by_value = self._flow.state, self._flow.file.path, self._flow.agent.by_value
         space = self._scenario().space
         found = outlook(promise, best.theta, space, place, state, missed=self.missed, helps=self._helps)
         said = self.findings
@@ -163,7 +156,8 @@ class Known:
         return falls_outward(surrogate, self._scenario().space, best.theta, knob, upper)
 
     def _best(self) -> Experiment | None:
-        with self._guarded.reading() as flow:
+        flow = self._flow
+        with flow.changed:
             best = flow.study.best
             return None if best is None else flow.store.experiment(best)
 
@@ -178,8 +172,7 @@ class Known:
     @property
     def screens(self) -> bool:
         """Return whether the agent simulates θ that are not shown."""
-        with self._guarded.reading() as flow:
-            return simulates(flow.agent)
+        return simulates(self._flow.agent)
 
     @property
     def findings(self) -> Findings | None:
@@ -187,21 +180,22 @@ class Known:
 
         None for agents that simulate nothing, and before it is worked out.
         """
-        with self._guarded.reading() as flow:
-            return flow.findings
+        with self._flow.changed:
+            return self._flow.findings
 
     def screened(self, *, current: bool = True) -> Screened | None:
         """Return what was simulated; None for other agents and before it is known.
 
         With `current`, what was known before the latest answer counts as unknown.
         """
-        with self._guarded.reading() as flow:
-            return flow.thoughts.grounds(flow.agent) if current else flow.thoughts.screened
+        with self._flow.changed:
+            return self._flow.thoughts.grounds(self._flow.agent) if current else self._flow.thoughts.screened
 
     @property
     def is_told(self) -> bool:
         """Return whether all is said that will be, of the open question or of the result."""
-        with self._guarded.reading() as flow:
+        flow = self._flow
+        with flow.changed:
             over, found = flow.phase is Phase.OVER, flow.findings
             if flow.thoughts.simulator is None or flow.thoughts.prefetch.silent:
                 return True
@@ -212,25 +206,23 @@ class Known:
 
         It does not wait if nothing works in the background.
         """
-        guarded = self._guarded
-        with guarded.changed:
-            guarded.changed.wait_for(
-                lambda: self.is_told or guarded.closing or not guarded.has_background, timeout
-            )
+        flow = self._flow
+        with flow.changed:
+            flow.changed.wait_for(lambda: self.is_told or flow.closing or not flow.has_background, timeout)
             return self.is_told
 
     @property
     def index(self) -> LearnedCost | None:
         """Return the cost learned from answers and KPIs; None while they say nothing about it."""
-        with self._guarded.reading() as flow:
+        flow = self._flow
+        with flow.changed:
             history, seed = known_outcomes(flow.state, flow.store), flow.study.seed
         return index_of(history, seed)
 
     @property
     def consistency(self) -> Consistency:
         """Return how consistent the answers are."""
-        with self._guarded.reading() as flow:
-            return Consistency.of(flow.state)
+        return Consistency.of(self._flow.state)
 
 
 def simulated(flow: Flow) -> Simulated | None:
@@ -253,23 +245,23 @@ def simulated(flow: Flow) -> Simulated | None:
 class Past:
     """Experiments and answers of an interview, readable from any thread."""
 
-    def __init__(self, guarded: Guarded) -> None:
-        self._guarded = guarded
+    def __init__(self, flow: Flow) -> None:
+        self._flow = flow
 
     def experiment(self, index: int) -> Experiment:
         """Return experiment `index`, from 0. Raises StudyError if there is none."""
-        with self._guarded.reading() as flow:
-            return flow.store.experiment(index)
+        with self._flow.changed:
+            return self._flow.store.experiment(index)
 
     def end(self, index: int) -> End:
         """Return how experiment `index`, from 0, ended. Raises StudyError if there is none."""
-        with self._guarded.reading() as flow:
-            return flow.store.end(index)
+        with self._flow.changed:
+            return self._flow.store.end(index)
 
     def asked(self, answer: int) -> Question:
         """Return answered question `answer` as it was shown. Raises StaleError if there is none."""
-        with self._guarded.reading() as flow:
-            return flow.store.asked(closed(flow, answer))
+        with self._flow.changed:
+            return self._flow.store.asked(closed(self._flow, answer))
 
     def closed(self, answer: int) -> Comparison:
         """Return answer number `answer`, from 1; -1, -2, ... are follow-up comparisons.
@@ -277,18 +269,19 @@ class Past:
         Raises:
             StaleError: If there is none.
         """
-        with self._guarded.reading() as flow:
-            return closed(flow, answer)
+        return closed(self._flow, answer)
 
     def comparisons(self, start: int = 0) -> tuple[Compared, ...]:
         """Return every closed query from number `start` on, including the first experiment's."""
-        with self._guarded.reading() as flow:
-            return tuple(flow.store.comparison(i) for i in range(start, flow.state.history.answered))
+        with self._flow.changed:
+            return tuple(
+                self._flow.store.comparison(i) for i in range(start, self._flow.state.history.answered)
+            )
 
     def answered(self) -> tuple[Compared, ...]:
         """Return the comparisons whose answers stand, in order, follow-up comparisons included."""
-        with self._guarded.reading() as flow:
-            return tuple(flow.store.compared(closed) for closed in answered(flow.state))
+        with self._flow.changed:
+            return tuple(self._flow.store.compared(closed) for closed in answered(self._flow.state))
 
 
 # --- Run an interview: an agent, a study file, and the open question.
@@ -345,9 +338,8 @@ class Interview:
         agent = agent_of(file.state, scenario.space, simulator)
         store = ExperimentStore(scenario, file)
         self._flow = Flow(file, store, agent, Thoughts(simulator, twin), at_once)
-        self._guarded = Guarded(self._flow)
-        self.past = Past(self._guarded)
-        self.known = Known(self._guarded, lambda: self.scenario)
+        self.past = Past(self._flow)
+        self.known = Known(self._flow, lambda: self.scenario)
         self._preparing: Compiling | None = None
         self._idle_at: int | None = None
         if asks:
@@ -361,7 +353,8 @@ class Interview:
         """
         if not finds_kpis(self._scenario):
             return self._scenario
-        with self._guarded.reading() as flow:
+        flow = self._flow
+        with flow.changed:
             measured = flow.store.first_measured()
             if measured is not None:
                 self._scenario = with_found_kpis(self._scenario, measured)
@@ -369,7 +362,8 @@ class Interview:
 
     def now(self) -> Now:
         """Return a consistent view of the current state."""
-        with self._guarded.reading() as flow:
+        flow = self._flow
+        with flow.changed:
             study, underway = flow.study, flow.underway
             return Now(
                 version=flow.version,
@@ -378,7 +372,7 @@ class Interview:
                 problem=None if flow.problem is None else in_words(flow.problem),
                 pending=study.pending,
                 incumbent=study.best,
-                can=possible(study),
+                can=possible(flow.standing),
                 state=flow.state,
                 preparing=self._preparing,
                 draft=flow.latest.draft,
@@ -390,9 +384,9 @@ class Interview:
 
     def wait(self, version: int, timeout: float) -> Now:
         """Return as soon as the version differs from `version`, or after `timeout` seconds."""
-        guarded = self._guarded
-        with guarded.changed:
-            guarded.changed.wait_for(lambda: self._flow.version != version or guarded.closing, timeout)
+        flow = self._flow
+        with flow.changed:
+            flow.changed.wait_for(lambda: flow.version != version or flow.closing, timeout)
             return self.now()
 
     @property
@@ -409,7 +403,7 @@ class Interview:
             ScenarioError: If the agent does not simulate, or the simulation failed.
             KnobError: If the space does not hold `theta`.
         """
-        return runs.look_at(self._flow, self._guarded.changed, theta)
+        return runs.look_at(self._flow, theta)
 
     def do(self, action: Action) -> Now:
         """Take an action if that is possible now, and return what is then to be seen.
@@ -418,14 +412,14 @@ class Interview:
             StaleError: If it comes too late, for example from a second tab; nothing is recorded.
             StudyError: If the file cannot be written; nothing has changed then.
         """
-        with self._guarded.changing() as flow:
-            action.take(flow)
+        with self._flow.changing():
+            action.take(self._flow)
             return self.now()
 
     def preview(self, record: Record) -> Preview:
         """Read a rig's record, and save nothing. Raises RecordError if it is refused."""
-        with self._guarded.reading() as flow:
-            return record.preview(flow)
+        with self._flow.changed:
+            return record.preview(self._flow)
 
     @property
     def drives(self) -> bool:
@@ -442,7 +436,7 @@ class Interview:
 
         def tell(part: Compiling | None) -> None:
             self._preparing = part
-            self._guarded.tell()
+            self._flow.tell()
             if part is not None:
                 report(part)
 
@@ -454,56 +448,57 @@ class Interview:
 
     def work(self) -> bool:
         """Do the next piece of work; False if there is none. The long part holds no lock."""
-        guarded = self._guarded
-        with guarded.changing() as flow:
+        flow = self._flow
+        with flow.changing():
             # Never start a plant after closing: a person may already stand at it.
             before = flow.version
-            job = None if guarded.closing else runs.due(flow, ahead=self._runs_ahead)
+            job = None if flow.closing else runs.due(flow, ahead=self._runs_ahead)
             took = flow.version != before  # a result that was known already
             self._idle_at = None if job or took else flow.version
         if job is None:
             return took
         try:
             found = job.run()
-            with guarded.changing() as flow:
+            with flow.changing():
                 job.finish(flow, found)
         except Exception as error:
             # Keep the thread alive: the problem is shown and can be retried.
-            with guarded.changing() as flow:
-                flow.move(Phase.FAILED, error)
+            with flow.changing():
+                flow.feed(Moment.BROKEN, error)
         return True
 
     def wait_for_work(self, timeout: float = 0.5) -> bool:
         """Wait until there may be work; return False once the interview is closed."""
-        guarded = self._guarded
-        with guarded.changed:
-            guarded.has_background = True
-            guarded.changed.wait_for(lambda: guarded.closing or self._flow.version != self._idle_at, timeout)
-            return not guarded.closing
+        flow = self._flow
+        with flow.changed:
+            flow.has_background = True
+            flow.changed.wait_for(lambda: flow.closing or flow.version != self._idle_at, timeout)
+            return not flow.closing
 
     def raise_problem(self) -> None:
         """Raise the problem if the phase is FAILED."""
-        with self._guarded.reading() as flow:
-            if flow.phase is Phase.FAILED and flow.problem is not None:
-                raise flow.problem
+        if (problem := self._flow.problem) is not None:
+            raise problem
 
     def close(self) -> None:
         """Take no more work and end a run of the user's scenario; the study file stays open."""
-        with self._guarded.reading() as flow:
-            self._guarded.closing = True
+        flow = self._flow
+        with flow.changed:
+            flow.closing = True
             flow.underway.stop("given up")
             if flow.thoughts.simulator is not None:
                 flow.thoughts.simulator.abandon()
-            self._guarded.changed.notify_all()
+            flow.changed.notify_all()
 
     @property
     def is_closed(self) -> bool:
         """Return whether `close` was called."""
-        return self._guarded.closing
+        return self._flow.closing
 
     def _simulating(self) -> None:
         """Tell front ends how far the simulations are while they say nothing else."""
-        with self._guarded.changing() as flow:
+        flow = self._flow
+        with flow.changing():
             if flow.phase is Phase.RUNNING or flow.thoughts.screened is None:
                 flow.version += 1
 

@@ -22,7 +22,7 @@ from prefcal_env.wording import as_exception, in_words
 from prefcal_scenarios.scenario import Scenario, check_experiment
 
 from .flow import LIKELIEST, LIKELY, Flow
-from .study import Phase, Question, Recovery
+from .study import Moment, Phase, Question, Recovery
 
 # --- Let the agent choose queries in the background: it may simulate for seconds, without a lock.
 
@@ -201,7 +201,7 @@ def due(flow: Flow, *, ahead: bool) -> Job[Any] | None:
         if pending is None or pending.index in flow.state.finished or underway.source.asks:
             return GoOn()
         if flow.at_once > 1:
-            return _beside(flow) if flow.proposed else GoOn()
+            return _beside(flow) if study.proposed else GoOn()
         return _running(flow, pending)
     if flow.phase is Phase.QUESTION and is_unexplained(flow):
         return Say(flow)
@@ -341,8 +341,8 @@ def _ran(flow: Flow, sample: Suggested, result: Experiment | Exception) -> None:
         due = flow.state.history.answered
         flow.append(*([] if index == due else [Taken(index)]), Failed(due, in_words(result)))
     except StudyError as error:
-        return flow.move(Phase.FAILED, error)
-    return flow.move(Phase.FAILED, result)
+        return flow.feed(Moment.BROKEN, error)
+    return flow.feed(Moment.BROKEN, result)
 
 
 def _ran_beside(flow: Flow, index: int, result: Experiment | Exception, theta: Theta) -> None:
@@ -386,16 +386,16 @@ def attempt(
     return experiment
 
 
-def look_at(flow: Flow, lock: threading.Condition, theta: Float[np.ndarray, " n"]) -> Experiment:
+def look_at(flow: Flow, theta: Float[np.ndarray, " n"]) -> Experiment:
     """Return the experiment of a simulated θ, physical, shape (n,), and record nothing.
 
-    It runs without `lock`, that of the interview. A question about θ then finds the experiment.
+    It runs without the lock. A question about θ then finds the experiment.
 
     Raises:
         ScenarioError: If the agent does not simulate, or the simulation failed.
         KnobError: If the space does not hold θ.
     """
-    with lock:
+    with flow.changed:
         if not isinstance(flow.agent, Screening):
             raise ScenarioError("only an experiment that is simulated unseen can be looked at")
         theta = flow.agent.space.check_allowed(theta)
@@ -406,24 +406,24 @@ def look_at(flow: Flow, lock: threading.Condition, theta: Float[np.ndarray, " n"
     if found is not None:
         return found
     with _ONE_AT_A_TIME:
-        result = _looked_at(flow, lock, theta)
+        result = _looked_at(flow, theta)
     if not isinstance(result, Experiment):
         raise ScenarioError(f"this simulation failed: {result}") from result
     if flow.thoughts.twin is None:
-        with lock:
+        with flow.changed:
             flow.thoughts.prefetch.keep(theta, result)
     return result
 
 
-def _looked_at(flow: Flow, lock: threading.Condition, theta: Theta) -> Experiment | Exception | None:
+def _looked_at(flow: Flow, theta: Theta) -> Experiment | Exception | None:
     key = b"look " + theta_key(theta)
-    with lock:
+    with flow.changed:
         run = (flow.thoughts.twin or flow.store.scenario).source.begin(theta.copy(), seed=flow.study.seed)
         flow.underway.going[key] = run  # so that it makes way for what is waited for
     try:
         return attempt(flow, run, theta, flow.thoughts.twin)
     finally:
-        with lock:
+        with flow.changed:
             del flow.underway.going[key]
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from prefcal_app.session import Choice
-from prefcal_app.session.actions import ACTIONS, Action
+from prefcal_app.session.actions import ACTIONS
 from prefcal_env.errors import ScenarioError, SettingsError, StaleError
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.sources.rig import Rig
@@ -43,10 +43,6 @@ def arguments(interview, rng):
         "finish": (),
         "go_on": (2,),
     }
-
-
-def test_every_action_has_its_name():
-    assert set(ACTIONS.values()) == set(Action.__subclasses__())
 
 
 @pytest.mark.parametrize("scenario", [TOY, RIG], ids=["simulated", "rig"])

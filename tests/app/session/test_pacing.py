@@ -2,10 +2,9 @@
 
 import pytest
 
-from prefcal_agents import GLIS, RandomSearch
 from prefcal_app.session import Phase, actions
 from prefcal_app.session.study import agent_of, questions_of
-from prefcal_env.errors import SettingsError, StaleError, StudyError
+from prefcal_env.errors import StaleError, StudyError
 from support.interviews import THREE, begin, judge, proceed, reopened, until_further
 
 
@@ -67,27 +66,6 @@ def test_a_change_before_a_crash_leaves_no_question_that_is_not_asked(toy, tmp_p
     interview.file.close()
     resumed = reopened(toy, path)
     assert not proceed(resumed).question.further
-
-
-@pytest.mark.parametrize("agent", [RandomSearch, GLIS])
-def test_an_agent_that_asks_one_refuses(toy, agent):
-    interview = begin(toy, agent=agent)
-    proceed(interview)
-    assert interview.known.questions is None
-    with pytest.raises(SettingsError, match="only the agent glisp"):
-        interview.do(actions.Pace(2))
-
-
-def test_while_something_has_failed_it_has_to_wait(toy):
-    from dataclasses import replace
-
-    def broken(theta, seed=0):
-        raise RuntimeError("the pump is off")
-
-    interview = begin(replace(toy, run=broken), agent=THREE)
-    assert proceed(interview).phase is Phase.FAILED
-    with pytest.raises(StaleError, match="try it again first"):
-        interview.do(actions.Pace(1))
 
 
 @pytest.mark.parametrize(("settings", "most"), [({}, 1), ({"questions_per_experiment": 4}, 4), (None, 1)])

@@ -160,7 +160,7 @@ def test_a_page_waits_for_nothing_that_would_have_to_be_learned_again(tmp_path):
     said = interview.known.promise
     interview.file.close()
     again = reopened(RIG, tmp_path / "rig.prefcal")
-    again._guarded.has_background = True  # as with a page
+    again._flow.has_background = True  # as with a page
     assert again.known.promise == ""
     assert again.known.foresight(learn=True) is not None
     assert again.known.promise == said

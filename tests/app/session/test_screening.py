@@ -13,7 +13,7 @@ from prefcal_app.session.flow import LIKELIEST
 from prefcal_app.simulating import Simulator
 from prefcal_app.summary import others_unbeaten
 from prefcal_app.view.end import why_view
-from prefcal_env.errors import ScenarioError, StaleError
+from prefcal_env.errors import ScenarioError
 from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_env.study import StudyFile
 from support.interviews import answer_all, begin, clock, judge, proceed, reopened, worked
@@ -151,14 +151,6 @@ def test_an_answer_is_about_the_pair_on_show_though_the_agent_would_now_show_ano
     told = again._flow.agent.history.comparisons[-1]
     assert told.incumbent == again.file.state.history.comparisons[-1].incumbent == rival
     assert proceed(again).question.incumbent.index == int(rival == 0)
-
-
-def test_an_answer_is_not_retracted_while_the_next_experiment_is_chosen():
-    interview = started()
-    now = proceed(interview)
-    interview.do(actions.Answer(now.question.id, Choice.LEFT))
-    with pytest.raises(StaleError, match="being chosen"):
-        interview.do(actions.Retract(1))
 
 
 class Slow:

@@ -355,16 +355,6 @@ def test_a_choice_keeps_the_reason_of_the_end(monkeypatch):
     assert now.state.history.answered == 4
 
 
-def test_nothing_is_chosen_where_nothing_is_simulated():
-    interview = begin(toy)
-    proceed(interview)
-    now = interview.do(actions.Finish())
-    assert "choose" not in now.can
-    with pytest.raises(StaleError, match="nothing is simulated unseen"):
-        interview.do(actions.Choose(toy.space.decode(np.full(len(toy.space), 0.3)), now.incumbent))
-    assert "choose" in ended().now().can
-
-
 def test_a_choice_that_was_not_looked_at_is_only_asked_for():
     interview = ended()
     now = interview.do(actions.Choose(WANTED, interview.now().incumbent))
