@@ -37,6 +37,7 @@ from prefcal_agents.agent import AgentState
 from prefcal_agents.baselines import LatinHypercube
 from prefcal_agents.transfer import respaced
 from prefcal_app.cli import main as run_prefcal
+from prefcal_app.session import actions
 from prefcal_env import Answer, Knob, KnobSpace, Mark
 from prefcal_env.preferences.answer import Query
 
@@ -367,13 +368,13 @@ def interfere(folder: Path) -> None:
     with StudyFile.open(folder / "own.prefcal", clock=lambda: "2026-01-01T00:00:00+00:00") as file:
         interview = Interview(load(f"{folder / 'own.py'}:own"), file, ahead=False)
         for _ in range(2):
-            interview.steps.undo(interview.now().version)
-        interview.steps.retract(3)
+            interview.do(actions.Undo(interview.now().version))
+        interview.do(actions.Retract(3))
         while interview.now().phase is Phase.RUNNING:
             interview.work()
         question = interview.now().question
         assert question is not None
-        interview.steps.mark(question.id, "left", "unsafe", True)
+        interview.do(actions.Mark(question.id, "left", "unsafe", True))
         interview.close()
 
 

@@ -306,6 +306,8 @@ class Strategy:
     """Class of its further settings."""
     by_value: ClassVar[bool] = False
     """Whether the agent learns from scores, not preferences; then no query has an incumbent."""
+    paced: ClassVar[bool] = False
+    """Whether it can ask several comparisons for each experiment, see `GLISp.with_questions`."""
 
     def __init__(
         self,

@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.screening.agent import Screening
-from prefcal_app.session import Choice, Interview, Now, Phase, Question
+from prefcal_app.session import Choice, Interview, Now, Phase, Question, actions
 from prefcal_app.session.study import agent_as_dict, knobs_as_dicts
 from prefcal_app.simulating import Simulator
 from prefcal_app.view import now_view
@@ -174,7 +174,7 @@ def replay(
         _note_chances(found, interview, now.question, who, verdict)
         asked.append({now.question.left.index, now.question.right.index})
         found.ties += verdict is Choice.SAME
-        interview.steps.answer(now.question.id, verdict)
+        interview.do(actions.Answer(now.question.id, verdict))
     if found.questions != promise.total:
         found.untrue.append(f"{found.questions} questions, {promise.total} promised")
     return found

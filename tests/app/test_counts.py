@@ -14,7 +14,7 @@ from prefcal_app.cli.studies.files import summary
 from prefcal_app.report.export import best_as_json
 from prefcal_app.report.record import comparisons_as_csv
 from prefcal_app.report.write import page
-from prefcal_app.session import Choice
+from prefcal_app.session import Choice, actions
 from prefcal_app.terminal.showing import show_status
 from prefcal_app.view import now_view, status_view
 from support.interviews import THREE, begin, judge, proceed, until_further
@@ -30,17 +30,17 @@ def interview():
     made = begin(toy_scenario(), n_max=9, agent=THREE)
     for _ in range(2):
         question = until_further(made)
-        made.steps.answer(question.id, judge(question, made.scenario.cost))
+        made.do(actions.Answer(question.id, judge(question, made.scenario.cost)))
     for _ in range(2):
         question = proceed(made).question
-        made.steps.answer(question.id, judge(question, made.scenario.cost))
-    made.steps.retract(2)
+        made.do(actions.Answer(question.id, judge(question, made.scenario.cost)))
+    made.do(actions.Retract(2))
     proceed(made)
-    question = made.steps.repeat().question
-    made.steps.answer(question.id, judge(question, made.scenario.cost))
+    question = made.do(actions.Repeat()).question
+    made.do(actions.Answer(question.id, judge(question, made.scenario.cost)))
     question = proceed(made).question
     while question.further:  # until an experiment waits for its first comparison
-        made.steps.answer(question.id, judge(question, made.scenario.cost))
+        made.do(actions.Answer(question.id, judge(question, made.scenario.cost)))
         question = proceed(made).question
     return made
 
@@ -134,7 +134,7 @@ def test_the_promised_number_of_questions_is_reached_and_never_passed():
         view = now_view(study)["progress"]
         numbers.append(study.known.planned.answered + 1)
         assert view["text"] == f"question {len(numbers)} of 5"
-        study.steps.answer(question.id, Choice.LEFT if len(numbers) % 3 else Choice.RIGHT)
+        study.do(actions.Answer(question.id, Choice.LEFT if len(numbers) % 3 else Choice.RIGHT))
     assert numbers == [1, 2, 3, 4, 5]
     assert now_view(study)["progress"]["text"] == "5 questions answered"
 

@@ -7,7 +7,7 @@ import pytest
 from prefcal_app.cli.options import Options
 from prefcal_app.cli.result import record_of
 from prefcal_app.report.write import write_report
-from prefcal_app.session import Choice, Phase
+from prefcal_app.session import Choice, Phase, actions
 from prefcal_app.view import history_view, now_view, status_view
 from support.interviews import begin, proceed
 from toy_study import toy_scenario
@@ -27,10 +27,10 @@ def interview_with_failures(failing, choice, scenario="toy"):
     interview = begin(replace(toy, run=run), n_max=6)
     while (now := proceed(interview)).phase is not Phase.OVER:
         if now.phase is Phase.FAILED:
-            interview.steps.fail(now.pending.index, "no signal")
+            interview.do(actions.Fail(now.pending.index, "no signal"))
         else:
             now_view(interview)
-            interview.steps.answer(now.question.id, choice)
+            interview.do(actions.Answer(now.question.id, choice))
     return interview
 
 

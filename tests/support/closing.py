@@ -1,6 +1,6 @@
 """A page in place of the window, for commands that end when a person closes it."""
 
-from prefcal_app.session import Choice, Phase
+from prefcal_app.session import Choice, Phase, actions
 
 
 class AnsweringPage:
@@ -32,4 +32,4 @@ class AnsweringPage:
             return now.question is not None or now.phase is Phase.OVER
 
         while (now := self.until(ready)).phase is not Phase.OVER:
-            self.interview.steps.answer(now.question.id, Choice.LEFT)
+            self.interview.do(actions.Answer(now.question.id, Choice.LEFT))

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from prefcal_agents import GLISp, GLISpSettings
-from prefcal_app.session import Choice, Interview, Now, Phase, Question
+from prefcal_app.session import Choice, Interview, Now, Phase, Question, actions
 from prefcal_app.session.study import agent_as_dict, knobs_as_dicts
 from prefcal_env.study import StudyFile
 from prefcal_scenarios.scenario import Scenario
@@ -93,7 +93,7 @@ def until_further(interview: Interview) -> Question:
         assert question is not None
         if question.further:
             return question
-        interview.steps.answer(question.id, judge(question, interview.scenario.cost))
+        interview.do(actions.Answer(question.id, judge(question, interview.scenario.cost)))
 
 
 def answer_all(interview: Interview, answered: Callable[[int], None]) -> None:
@@ -101,5 +101,5 @@ def answer_all(interview: Interview, answered: Callable[[int], None]) -> None:
     cost = interview.scenario.cost
     assert cost is not None
     while (now := proceed(interview)).question is not None:
-        interview.steps.answer(now.question.id, judge(now.question, cost))
+        interview.do(actions.Answer(now.question.id, judge(now.question, cost)))
         answered(now.question.number)

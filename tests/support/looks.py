@@ -1,6 +1,6 @@
 """What the tests of the views share: interviews of the toy, and a panel to draw."""
 
-from prefcal_app.session import Choice, Interview, Now
+from prefcal_app.session import Choice, Interview, Now, actions
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.experiments.panels import Plot
 from support.interviews import begin, proceed
@@ -27,5 +27,5 @@ def answer(interview: Interview, choice: Choice) -> Now:
     """Answer the open question, and work until the next one is."""
     question = interview.now().question
     assert question is not None
-    interview.steps.answer(question.id, choice, comment=f"said {choice.value}")
+    interview.do(actions.Answer(question.id, choice, comment=f"said {choice.value}"))
     return proceed(interview)

@@ -14,7 +14,7 @@ import prefcal_app
 import prefcal_env
 import prefcal_scenarios
 from prefcal_agents import GLISp, Screening
-from prefcal_app.session import Choice
+from prefcal_app.session import Choice, actions
 from prefcal_app.view import now_view
 from prefcal_scenarios.catalog import load
 
@@ -101,11 +101,11 @@ def answer(agent: Callable[..., Any], answered: int = 8) -> Trace:
     interview = begin(load("servo"), n_max=20, agent=agent)
     question = proceed(interview).question
     for number in range(answered):
-        interview.steps.answer(question.id, Choice.LEFT if number % 3 else Choice.RIGHT)
+        interview.do(actions.Answer(question.id, Choice.LEFT if number % 3 else Choice.RIGHT))
         question = proceed(interview).question
 
     def answer_one() -> None:
-        interview.steps.answer(question.id, Choice.LEFT)
+        interview.do(actions.Answer(question.id, Choice.LEFT))
         proceed(interview)
 
     return traced(answer_one)
@@ -124,6 +124,6 @@ def _from_file_to_the_next_question(file: Path, agent: Callable[..., Any]) -> No
     interview = begin(load(f"{file}:own"), n_max=8, agent=agent)
     question = proceed(interview).question
     assert "Effort" in str(now_view(interview)["question"]["comparison"])
-    interview.steps.answer(question.id, Choice.LEFT)
+    interview.do(actions.Answer(question.id, Choice.LEFT))
     proceed(interview)
     assert now_view(interview)["question"]["id"] != question.id

@@ -372,6 +372,7 @@ class GLISp(Agent):
 
     version: ClassVar[int] = 13
     options = GLISpSettings
+    paced = True
 
     def __init__(
         self,

@@ -2,23 +2,21 @@
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents import GLISp
 from prefcal_agents.agent import Agent
 from prefcal_agents.screening.findings import Findings
 from prefcal_app.simulating import Screened, Simulator, past_of
-from prefcal_env.errors import PrefcalError, RunError, ScenarioError, SettingsError, StaleError, StudyError
+from prefcal_env.errors import RunError, StudyError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs import theta_key
 from prefcal_env.preferences.answer import Answer, Preference, completed
-from prefcal_env.preferences.history import History
+from prefcal_env.preferences.history import History, Sample
 from prefcal_env.sources import Run, Source
 from prefcal_env.study import Answered, Event, Finished, Shown, State, StudyFile, Suggested
 from prefcal_scenarios.scenario import Scenario
@@ -26,18 +24,16 @@ from prefcal_scenarios.scenario import Scenario
 from .study import (
     Ask,
     ExperimentStore,
-    Over,
+    Moment,
     Phase,
+    Plant,
     PlantNow,
     Question,
     Recovery,
     Settle,
     Side,
     Study,
-    Think,
-    Wait,
     Write,
-    to_repeat,
 )
 
 # --- Hold what is thought of in advance; it can be lost at any time without changing a result.
@@ -230,7 +226,7 @@ class UnderWay:
         self.checked = False
         self.changed: Callable[[], None] = lambda: None
 
-    def of(self, sample: Suggested | None) -> Run | None:
+    def of(self, sample: Suggested | Sample | None) -> Run | None:
         """Return the run of a sample; None unless it waits or is in progress."""
         key = b"" if sample is None else theta_key(sample.theta)
         return self.going.get(key) or self.waiting.get(key)
@@ -244,6 +240,12 @@ class UnderWay:
     def moves_plant(self) -> bool:
         """Return whether a run changes a plant, or is about to; it takes no lock."""
         return any(run.moves_plant for run in self.every)
+
+    def facts(self, pending: Sample | None) -> Plant:
+        """Return what decides what a person can do about the run of the pending sample."""
+        source, run = self.source, self.of(pending)
+        ready = run is not None and run.changes is not None
+        return Plant(source.asks, source.stops, self.moves_plant, ready, self.plant.recovery)
 
     def plant_now(self, sample: Suggested | None) -> PlantNow | None:
         """Return what a front end shows of a plant on which each run is confirmed; None without one."""
@@ -328,7 +330,11 @@ class Latest:
 
 @dataclass(slots=True)
 class Flow:
-    """What drives a study, and changes; callers must hold the interview's lock."""
+    """What drives a study, with its lock, and tells of changes.
+
+    The study is a value: whoever reads `study` or `state` needs no lock. Whoever reads experiments or
+    what is thought holds `changed`; whoever changes anything does so within `changing`.
+    """
 
     file: StudyFile
     store: ExperimentStore
@@ -336,28 +342,56 @@ class Flow:
     thoughts: Thoughts
     at_once: int = 1
     """Number of experiments that run at the same time."""
-    phase: Phase = Phase.RUNNING
-    question: Question | None = None
-    problem: Exception | None = None
-    proposed: bool = False
-    """Whether the agent has proposed what can run until the next answer, if several do."""
     version: int = 0
     latest: Latest = Latest()
+    study: Study = field(init=False)
     underway: UnderWay = field(init=False)
+    changed: threading.Condition = field(default_factory=lambda: threading.Condition(threading.RLock()))
+    """Lock; it is notified of each change."""
+    closing: bool = False
+    """Whether no more work is taken."""
+    has_background: bool = False
+    """Whether threads take work in the background."""
+    _question: Question | None = None
+    _problem: Exception | None = None
 
     def __post_init__(self) -> None:
-        self.underway = UnderWay(self.store.scenario.source, self.study.seed)
+        source = self.store.scenario.source
+        self.study = Study(
+            self.agent,
+            self.agent.history,
+            self.file.state,
+            at_once=self.at_once,
+            simulates=self.thoughts.simulator is not None,
+            plant=Plant(source.asks, source.stops),
+        )
+        self.underway = UnderWay(source, self.study.seed)
+        self.underway.changed = self.tell
+
+    @property
+    def phase(self) -> Phase:
+        """Return what the study waits for."""
+        return self.study.phase
+
+    @property
+    def question(self) -> Question | None:
+        """Return the open question, in phase QUESTION."""
+        return self._question if self.phase is Phase.QUESTION else None
+
+    @property
+    def problem(self) -> Exception | None:
+        """Return what went wrong, in phase FAILED."""
+        return self._problem if self.phase is Phase.FAILED else None
 
     @property
     def state(self) -> State:
         """Return the state of the study file."""
-        return self.file.state
+        return self.study.state
 
     @property
-    def study(self) -> Study:
-        """Return the study at this moment."""
-        simulates = self.thoughts.simulator is not None
-        return Study(self.agent, self.agent.history, self.state, self.at_once, simulates)
+    def standing(self) -> Study:
+        """Return the study with what is known now of the plant, which no event tells."""
+        return replace(self.study, plant=self.underway.facts(self.state.history.pending))
 
     @property
     def findings(self) -> Findings | None:
@@ -379,14 +413,25 @@ class Flow:
         Raises:
             StudyError: If they cannot be saved; then nothing has changed.
         """
-        numbers = self.file.append(*events)
-        self.agent.history = self.state.history
-        return numbers
+        phase, state = self.phase, self.file.state
+        try:
+            return self.file.append(*events)
+        finally:
+            if self.file.state is not state:  # recorded, also if Ctrl-C came right after that
+                for event in events:
+                    happened = event[0] if isinstance(event, tuple) else event
+                    self.study = self.study.feed(happened, self.file.state)
+                self.become(self.agent)
+                self.version += self.phase is not phase
 
-    def move(self, phase: Phase, problem: Exception | None = None) -> None:
-        """Enter `phase`, without a question."""
-        self.proposed = False
-        self.phase, self.problem, self.question = phase, problem, None
+    def become(self, agent: Agent) -> None:
+        """Go on with an agent, which learns what the study file says."""
+        agent.history = self.state.history
+        self.agent, self.study = agent, replace(self.study, strategy=agent, history=agent.history)
+
+    def feed(self, moment: Moment, problem: Exception | None = None) -> None:
+        """Take note of what happened and is no event of the file."""
+        self.study, self._problem = self.study.feed(moment), problem
         self.version += 1
 
     def resume(self) -> None:
@@ -408,29 +453,23 @@ class Flow:
         try:
             self._proceed()
         except Exception as error:
-            self.move(Phase.FAILED, error)
+            self.feed(Moment.BROKEN, error)
 
     def _proceed(self) -> None:
-        thought = False
         while True:
-            match self.study.todo(thought=thought):
+            match self.study.next():
                 case Write(Suggested(index=index, theta=theta) as event):
                     self.append(event, *self.finished(index, np.array(theta)))
-                    thought = True
                 case Write(event):
                     self.append(event)
-                    thought = True
                 case Settle(index):
                     self.append(self._settled(index))
-                    thought = False
-                case Think():
-                    return self.move(Phase.RUNNING)
-                case Wait():
-                    return self._wait()
                 case Ask(shown):
                     return self.show(shown)
-                case Over():
-                    return self.move(Phase.OVER)
+                case moment:
+                    if moment in (Moment.RUN, Moment.RECORD, Moment.CONFIRM):
+                        self._wait()
+                    return self.feed(moment)
 
     def finished(
         self, index: int, theta: Float[np.ndarray, " n"]
@@ -450,12 +489,10 @@ class Flow:
         return Answered(None, index, None, completed(Answer(None), experiment, None, outcomes))
 
     def _wait(self) -> None:
-        asks, pending = self.underway.source.asks, self.study.pending
+        pending = self.study.pending
         assert pending is not None
         # Also if its run failed before: the person may have fixed the plant since.
-        self.underway.wait_for(pending, self.study.unfinished, anew=bool(asks))
-        self.move(Phase(asks) if asks else Phase.RUNNING)
-        self.proposed = not asks
+        self.underway.wait_for(pending, self.study.unfinished, anew=bool(self.underway.source.asks))
 
     def show(self, shown: Shown | None = None) -> None:
         """Show a question, by default the open one again with its current marks."""
@@ -473,206 +510,39 @@ class Flow:
         else:
             further = any(c.question == shown.repeats for c in self.state.history.follow_ups)
             question = replace(question, further=further)
-        self.move(Phase.QUESTION)
-        self.question = question
+        self.feed(Moment.ASKED)
+        self._question = question
 
     def _with_role(self, side: Side, further: bool) -> Side:
         """Return `side` with its role: "best so far", "new" or none."""
         role = "new" if side.challenger and not further else ""
         return replace(side, role="best so far" if side.index == self.study.best else role)
 
-
-class Guarded:
-    """A flow with its lock, which also tells of changes.
-
-    Args:
-        flow: Flow of the interview.
-
-    Attributes:
-        changed: Lock; it is notified of each change.
-        closing: Whether no more work is taken.
-        has_background: Whether threads take work in the background.
-    """
-
-    def __init__(self, flow: Flow) -> None:
-        self._flow = flow
-        self.changed = threading.Condition(threading.RLock())
-        self.closing = self.has_background = False
-        flow.underway.changed = self.tell
-
     @contextmanager
-    def reading(self) -> Iterator[Flow]:
-        """Hold the lock while the flow is read."""
+    def changing(self) -> Iterator[None]:
+        """Hold the lock while the study changes, and tell of it afterward."""
         with self.changed:
-            yield self._flow
-
-    @contextmanager
-    def changing(self) -> Iterator[Flow]:
-        """Hold the lock while the flow is changed, and tell of it afterward."""
-        with self.changed:
-            version = self._flow.version
+            version = self.version
             try:
-                yield self._flow
+                yield
             finally:
-                if self._flow.version != version:
+                if self.version != version:
                     self._make_way()
                     self.changed.notify_all()
 
     def tell(self) -> None:
         """Tell front ends that there is news, such as of a run in progress."""
-        with self.changing() as flow:
-            flow.version += 1
+        with self.changing():
+            self.version += 1
 
     def _make_way(self) -> None:
         """Stop soon what runs or thinks in advance, if something else is waited for."""
-        flow = self._flow
-        flow.thoughts.make_way(flow.agent.history if flow.phase is Phase.RUNNING else None)
-        several = flow.at_once > 1
-        if flow.underway.source.asks or (flow.phase is not Phase.RUNNING and not several):
+        self.thoughts.make_way(self.agent.history if self.phase is Phase.RUNNING else None)
+        several = self.at_once > 1
+        if self.underway.source.asks or (self.phase is not Phase.RUNNING and not several):
             return
-        wanted = flow.study.unfinished if several else filter(None, [flow.study.pending])
-        keys = {theta_key(sample.theta) for sample in wanted if flow.phase is not Phase.OVER}
-        for key, run in flow.underway.going.items():
+        wanted = self.study.unfinished if several else filter(None, [self.study.pending])
+        keys = {theta_key(sample.theta) for sample in wanted if self.phase is not Phase.OVER}
+        for key, run in self.underway.going.items():
             if key not in keys:
                 run.stop("given up", within=_COURTESY)
-
-
-# --- Say which steps a person can take now, and why not the others; no screen decides it.
-
-CLOSED = "this question is no longer open: it was already answered or undone, and nothing was recorded twice"
-"""What is said of an answer to another question than the open one."""
-
-
-def refusal(flow: Flow, step: str) -> PrefcalError | None:
-    """Return why `step`, a name of `REFUSALS`, cannot be taken now; None if it can."""
-    if step != "stop_run" and flow.underway.moves_plant:
-        return StaleError("a run on the plant is in progress: stop it first")
-    return REFUSALS[step](flow, flow.study)
-
-
-def possible(flow: Flow) -> frozenset[str]:
-    """Return the names of the steps that can be taken now."""
-    steps = ("stop_run",) if flow.underway.moves_plant else REFUSALS
-    study = flow.study
-    return frozenset(step for step in steps if REFUSALS[step](flow, study) is None)
-
-
-def _answer(flow: Flow, study: Study) -> PrefcalError | None:
-    return StaleError(CLOSED) if flow.question is None else None
-
-
-def _undo(flow: Flow, study: Study) -> PrefcalError | None:
-    if flow.question is not None and flow.question.repeats is not None:
-        return None  # a repeated question can always be skipped
-    repeats = study.state.history.repeats
-    last_was_repeat = bool(repeats) and study.state.answers[-1] is repeats[-1]
-    has_one = study.state.history.answered > 1 and not last_was_repeat
-    return None if has_one else StaleError("there is no answer to undo")
-
-
-def _retract(flow: Flow, study: Study) -> PrefcalError | None:
-    if flow.phase is Phase.RUNNING and study.must_think:
-        return StaleError("the next experiment is being chosen: retract the answer once it is shown")
-    if flow.phase is Phase.FAILED and study.must_think:
-        # Choosing the next experiment may fail again, after the retraction is written.
-        return StaleError("the last step failed: try it again first")
-    has_one = study.state.history.answered > 1
-    return None if has_one else StaleError("there is no answer to retract")
-
-
-def _repeat(flow: Flow, study: Study) -> PrefcalError | None:
-    has_one = flow.phase is Phase.QUESTION and to_repeat(study.state, study.seed) is not None
-    return None if has_one else StaleError("there is no earlier question to ask again now")
-
-
-def _pace(flow: Flow, study: Study) -> PrefcalError | None:
-    if not isinstance(flow.agent, GLISp):
-        return SettingsError("only the agent glisp can ask more than one comparison per experiment")
-    # Until the retry, the study file and the agent may differ.
-    failed = flow.phase is Phase.FAILED
-    return StaleError("the last step failed: try it again first") if failed else None
-
-
-def _choose(flow: Flow, study: Study) -> PrefcalError | None:
-    if not study.simulates:
-        return StaleError("nothing is simulated unseen in this study: continue it and ask for a θ")
-    return _go_on(flow, study)
-
-
-def _record(flow: Flow, study: Study) -> PrefcalError | None:
-    if flow.underway.source.asks != "record":
-        return StaleError("the plant is simulated and takes no record")
-    replaces = flow.phase is Phase.QUESTION and bool(study.state.finished)
-    due = flow.phase is Phase.RECORD or replaces
-    return None if due else StaleError("no record is waited for: nothing was changed")
-
-
-def _write_and_start(flow: Flow, study: Study) -> PrefcalError | None:
-    if flow.phase is not Phase.CONFIRM:
-        return StaleError("no run is to be confirmed: nothing was written")
-    underway = flow.underway
-    if underway.plant.recovery is Recovery.FAILED:
-        return StaleError("the plant does not have its old values yet: nothing was written")
-    run = underway.of(study.pending)
-    if run is None or run.changes is None or underway.plant.recovery is not Recovery.DONE:
-        return StaleError("the plant's present values are not known yet: nothing was written")
-    return None
-
-
-def _stop_run(flow: Flow, study: Study) -> PrefcalError | None:
-    source = flow.underway.source
-    running = flow.underway.moves_plant if source.asks else flow.phase is Phase.RUNNING
-    if not running or study.pending is None:
-        return StaleError("this experiment is not running: nothing was changed")
-    if source.stops:
-        return None
-    if source.asks:
-        return ScenarioError("this run cannot be stopped from here")
-    return ScenarioError("experiments of a built-in scenario run in seconds: wait for this one")
-
-
-def _fail(flow: Flow, study: Study) -> PrefcalError | None:
-    pending = study.pending if flow.phase in (Phase.RECORD, Phase.CONFIRM, Phase.FAILED) else None
-    if pending is None:
-        return StaleError("no experiment is waited for: nothing was changed")
-    if pending.index in study.state.finished:
-        # A later step failed, for example on a full disk: this experiment must not be replaced.
-        return StaleError(f"experiment {pending.index + 1} is saved, it has not failed: try again")
-    return None
-
-
-def _retry(flow: Flow, study: Study) -> PrefcalError | None:
-    on_the_plant = flow.phase is Phase.CONFIRM or flow.underway.plant.recovery is Recovery.FAILED
-    failed = flow.phase is Phase.FAILED or on_the_plant
-    return None if failed else StaleError("nothing has failed, so there is nothing to try again")
-
-
-def _ended(flow: Flow, words: str) -> PrefcalError | None:
-    return StaleError(words) if flow.phase is Phase.OVER else None
-
-
-def _go_on(flow: Flow, study: Study) -> PrefcalError | None:
-    return None if flow.phase is Phase.OVER else StaleError("the study has not ended")
-
-
-REFUSALS: Mapping[str, Callable[[Flow, Study], PrefcalError | None]] = MappingProxyType(
-    {
-        "answer": _answer,
-        "give": _answer,
-        "mark": _answer,
-        "undo": _undo,
-        "retract": _retract,
-        "repeat": _repeat,
-        "pace": _pace,
-        "ask_for": lambda flow, study: _ended(flow, "the study has ended: continue it first"),
-        "choose": _choose,
-        "record": _record,
-        "write_and_start": _write_and_start,
-        "stop_run": _stop_run,
-        "fail": _fail,
-        "retry": _retry,
-        "finish": lambda flow, study: _ended(flow, "the study has ended already"),
-        "go_on": _go_on,
-    }
-)
-"""Functions that say why a step cannot be taken now, by the name of the step."""

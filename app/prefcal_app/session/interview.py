@@ -1,9 +1,8 @@
-"""An agent's questions and a person's answers: what is known, and the steps that can be taken."""
+"""An agent's questions and a person's answers: what is known, what can be done, and who does it."""
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import wraps
-from typing import Concatenate, ParamSpec, cast
+from typing import cast
 
 import numpy as np
 from jaxtyping import Float
@@ -13,7 +12,7 @@ from prefcal_agents.glisp.agent import Foresight
 from prefcal_agents.learned_cost import LearnedCost
 from prefcal_agents.screening.agent import Screening
 from prefcal_agents.screening.findings import Findings
-from prefcal_app.simulating import Screened, Simulated, Simulator, named_twin, promise, told
+from prefcal_app.simulating import Screened, Simulated, Simulator, named_twin, promise, simulates, told
 from prefcal_app.summary import (
     Consistency,
     Counts,
@@ -26,34 +25,20 @@ from prefcal_app.summary import (
     outlook,
 )
 from prefcal_env.compiling import Compiling, compile_missing
-from prefcal_env.errors import PreferenceError, ProtocolError, SettingsError, StaleError, StudyError
+from prefcal_env.errors import SettingsError, StudyError
 from prefcal_env.experiments.experiment import End, Experiment
-from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_env.preferences.answer import Comparison as Compared
 from prefcal_env.preferences.history import Comparison
-from prefcal_env.study import (
-    Adjusted,
-    Answered,
-    Ended,
-    Marked,
-    Requested,
-    Retracted,
-    Shown,
-    StudyFile,
-    Undone,
-)
+from prefcal_env.study import StudyFile
 from prefcal_env.wording import in_words
 from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
 
 from . import runs
-from .flow import CLOSED, Flow, Guarded, Latest, Thoughts, possible, refusal
-from .runs import Given, Preview
+from .actions import Action, Preview, Record, closed, possible
+from .flow import Flow, Thoughts
 from .study import (
-    GOOD_ENOUGH,
-    MARKS,
-    QUESTIONS,
-    Choice,
     ExperimentStore,
+    Moment,
     Now,
     Phase,
     Question,
@@ -63,248 +48,7 @@ from .study import (
     is_robust,
     is_simulating,
     known_outcomes,
-    to_repeat,
 )
-
-# --- Apply answers, marks, undo and retractions to the flow; each is saved before it takes effect.
-
-
-def open_question(flow: Flow, question: int) -> Question:
-    """Return the open question. Raises StaleError unless its id is `question`."""
-    asked = flow.question
-    if asked is None or asked.id != question:
-        raise StaleError(CLOSED)
-    return asked
-
-
-def answer(flow: Flow, question: int, choice: Choice, *, comment: str = "", blind: bool = False) -> None:
-    """Answer the open question by side.
-
-    Args:
-        flow: Flow of the interview.
-        question: Id of the question.
-        choice: Verdict.
-        comment: Comment on the answer.
-        blind: Whether θ and the roles of the sides were hidden.
-    """
-    asked = open_question(flow, question)
-    _close(flow, asked, asked.answer(choice), comment, blind)
-
-
-def give(flow: Flow, question: int, answer: Answer) -> None:
-    """Answer the open question in terms of challenger and incumbent."""
-    _close(flow, open_question(flow, question), answer)
-
-
-def _close(flow: Flow, asked: Question, given: Answer, comment: str = "", blind: bool = False) -> None:
-    """Record the answer, teach it to the agent, and proceed."""
-    new, old = asked.challenger.index, asked.incumbent.index
-    given = asked.completed(given)
-    flow.append(Answered(asked.id, new, old, given, comment, blind))
-    if asked.repeats is None:
-        _go_on(flow, given)
-    else:
-        flow.proceed()
-    flow.latest = Latest(flow.version)
-
-
-def _go_on(flow: Flow, answer: Answer) -> None:
-    """Go on from an answer that is saved: at once if the agent knows what to ask next."""
-    flow.thoughts.take(answer)
-    if flow.at_once == 1 and flow.agent.knows(flow.agent.history):
-        return flow.proceed()
-    return flow.move(Phase.RUNNING)  # a proposal takes time, so `work` computes it
-
-
-def mark(flow: Flow, question: int, side: str, mark: str, on: bool) -> None:
-    """Set or clear a mark of the experiment on `side`; one mark replaces the other.
-
-    Raises:
-        StudyError: If there is no such side or mark.
-        PreferenceError: If a run that was interrupted as unsafe is marked as good enough.
-    """
-    asked = open_question(flow, question)
-    if side not in ("left", "right") or mark not in MARKS:
-        raise StudyError(f"a mark is one of {MARKS} on left or right, got {mark!r} on {side!r}")
-    which = asked.left if side == "left" else asked.right
-    if on and mark == GOOD_ENOUGH and which.counts_as_unsafe:
-        raise PreferenceError(
-            f"experiment {which.index + 1} was interrupted as unsafe: it cannot be good enough"
-        )
-    if on != (mark in which.marks):
-        flow.append(Marked(which.index, mark, on))
-        flow.show()
-
-
-def undo(flow: Flow, version: int) -> None:
-    """Undo the last answer, or skip a repeated question that is open.
-
-    `version` is the one that the person saw.
-    """
-    if version < flow.latest.version:
-        raise StaleError("an answer was given or undone since you looked")
-    draft = flow.latest.draft
-    if flow.question is None or flow.question.repeats is None:
-        draft = flow.state.history.latest[-1].comment
-        flow.append(Undone())
-    flow.proceed()
-    flow.latest = Latest(flow.version, draft)
-
-
-def closed(flow: Flow, answer: int) -> Comparison:
-    """Return answer number `answer`, see `Past.closed`."""
-    history = flow.state.history
-    answers = history.comparisons if answer >= 0 else (None, *history.follow_ups)
-    if not 1 <= abs(answer) < len(answers):
-        what = "answer" if answer >= 0 else "answer to a follow-up comparison"
-        raise StaleError(f"there is no {what} {abs(answer)}: {max(len(answers) - 1, 0)} are given")
-    found = answers[abs(answer)]
-    assert found is not None
-    return found
-
-
-def retract(flow: Flow, answer: int) -> None:
-    """Forget what an answer taught (see `closed`); all samples stay, including the open one."""
-    if closed(flow, answer).retracted:
-        raise StaleError(f"answer {answer} is retracted already")
-    if flow.phase is Phase.RUNNING and flow.study.pending is None:
-        # Propose the open sample first: it must not depend on this retraction.
-        flow.proceed()
-    flow.append(Retracted(answer))
-    if flow.phase is Phase.QUESTION:
-        flow.proceed()
-    else:
-        flow.version += 1
-
-
-def ask_for(flow: Flow, theta: Float[np.ndarray, " n"] | tuple[float, ...]) -> None:
-    """Compare physical `theta`, shape (n,), next, in place of the pending sample.
-
-    The θ of that sample is free again.
-
-    Raises:
-        ProtocolError: If all experiments are answered, or `theta` was tried before.
-        KnobError: If the space does not hold it, or a constraint forbids it.
-    """
-    twin, pending, asked = flow.agent.copy(), flow.study.pending, flow.question
-    twin.replace_pending(np.array(theta))
-    sample = twin.history.pending  # others may be pending behind it
-    assert sample is not None
-    shown = asked is None or asked.challenger.index == flow.state.history.answered
-    if pending is not None and pending.theta == sample.theta and shown:
-        return  # it is the next one already
-    index = flow.state.history.answered
-    flow.append(Requested(index, sample.z, sample.theta), *flow.finished(index, np.array(sample.theta)))
-    flow.proceed()
-
-
-def choose(flow: Flow, theta: Float[np.ndarray, " n"] | tuple[float, ...], best: int) -> None:
-    """Choose a simulated `theta`, shape (n,), after the end, instead of experiment `best`.
-
-    It is asked for, and the question about it is answered by the choice, if its run is known from a
-    look at both; then the study is over again, for the same reason. A plant has to run it first: that
-    is all that follows.
-
-    Raises:
-        StaleError: If another experiment is the best by now.
-        ProtocolError: If `theta` was tried before.
-        KnobError: If the space does not hold it, or a constraint forbids it.
-    """
-    if flow.study.best != best:
-        raise StaleError("another experiment is the best by now: look at both again")
-    wanted = flow.agent.space.check_allowed(np.array(theta))
-    if flow.agent.space.close(wanted, flow.agent.samples).any():
-        raise ProtocolError("an experiment was run with this θ: it was compared already")
-    reason = flow.state.ended
-    assert reason is not None
-    runs.go_on(flow, more=int(flow.state.history.answered >= flow.state.n_max))
-    ask_for(flow, wanted)
-    asked, samples = flow.question, flow.state.history.samples
-    if asked is not None and np.array_equal(samples[asked.challenger.index].theta, wanted):
-        _close(flow, asked, Answer(Preference.CHALLENGER, marks=asked.marks))
-        flow.append(Ended(reason))
-        flow.proceed()
-
-
-def pace(flow: Flow, questions: int) -> None:
-    """Ask at most `questions` comparisons per experiment, 1 or more, from now on.
-
-    Raises:
-        SettingsError: If that is not valid.
-    """
-    agent = cast(GLISp, flow.agent)
-    changed = agent.with_questions(questions)
-    if questions == agent.settings.questions_per_experiment:
-        return
-    flow.append(Adjusted({QUESTIONS: questions}))
-    flow.agent = changed
-    if flow.phase is not Phase.QUESTION:
-        flow.version += 1
-    elif flow.study.is_overtaken:
-        flow.proceed()
-    else:
-        flow.show()  # discards what was prefetched for this question
-
-
-def repeat(flow: Flow) -> None:
-    """Show an earlier question again, with its sides swapped; the answer teaches nothing."""
-    again = to_repeat(flow.state, flow.study.seed)
-    assert again is not None
-    assert again.incumbent is not None
-    left = not again.challenger_left
-    flow.show(Shown(again.challenger, again.incumbent, left, again.question))
-
-
-# --- Offer what a person can do in an interview.
-
-P = ParamSpec("P")
-
-
-def _step(name: str, step: Callable[Concatenate[Flow, P], None]) -> Callable[Concatenate["Steps", P], Now]:
-    """Return a method that takes a step if that is possible now, and returns what is then to be seen."""
-
-    @wraps(step)
-    def take(self: "Steps", /, *args: P.args, **kwargs: P.kwargs) -> Now:
-        with self._guarded.changing() as flow:
-            if (refused := refusal(flow, name)) is not None:
-                raise refused
-            step(flow, *args, **kwargs)
-            return self._now()
-
-    return take
-
-
-class Steps:
-    """Steps of a person. Each is saved before it takes effect, and returns what is then to be seen.
-
-    A step on an outdated page, for example in a second tab, raises StaleError and records nothing.
-    If the file cannot be written, it raises StudyError and changes nothing.
-
-    Args:
-        guarded: Flow of the interview.
-        now: Function that returns what is to be seen.
-    """
-
-    def __init__(self, guarded: Guarded, now: Callable[[], Now]) -> None:
-        self._guarded, self._now = guarded, now
-
-    answer = _step("answer", answer)
-    give = _step("give", give)
-    mark = _step("mark", mark)
-    undo = _step("undo", undo)
-    retract = _step("retract", retract)
-    repeat = _step("repeat", repeat)
-    pace = _step("pace", pace)
-    ask_for = _step("ask_for", ask_for)
-    choose = _step("choose", choose)
-    record = _step("record", runs.record)
-    write_and_start = _step("write_and_start", runs.confirm)
-    stop_run = _step("stop_run", runs.stop)
-    fail = _step("fail", runs.fail)
-    retry = _step("retry", runs.retry)
-    finish = _step("finish", runs.finish)
-    go_on = _step("go_on", runs.go_on)
-
 
 # --- Say what is known of a study: its experiments and answers, what was learned, whether to continue.
 
@@ -316,52 +60,47 @@ class Known:
     """What is known of an interview, readable from any thread.
 
     Args:
-        guarded: Flow of the interview.
+        flow: Flow of the interview.
         scenario: Function that returns its scenario, with KPIs found in its experiments.
     """
 
-    def __init__(self, guarded: Guarded, scenario: Callable[[], Scenario]) -> None:
-        self._guarded, self._scenario = guarded, scenario
+    def __init__(self, flow: Flow, scenario: Callable[[], Scenario]) -> None:
+        self._flow, self._scenario = flow, scenario
 
     @property
     def counts(self) -> Counts:
         """Return the numbers of experiments and comparisons."""
-        with self._guarded.reading() as flow:
-            return Counts.of(flow.state)
+        return Counts.of(self._flow.state)
 
     @property
     def planned(self) -> Planned:
         """Return how many questions the study asks."""
-        with self._guarded.reading() as flow:
-            return Planned.of(flow.agent)
+        with self._flow.changed:
+            return Planned.of(self._flow.agent)
 
     @property
     def n_max(self) -> int:
         """Return the planned number of experiments; fewer if the space holds fewer θ."""
-        with self._guarded.reading() as flow:
-            return flow.agent.n_max
+        return self._flow.agent.n_max
 
     @property
     def questions(self) -> int | None:
         """Return the maximum number of comparisons per experiment; None if it is fixed at 1."""
-        with self._guarded.reading() as flow:
-            agent = flow.agent
-        return agent.settings.questions_per_experiment if isinstance(agent, GLISp) else None
+        agent = self._flow.agent
+        return cast(GLISp, agent).settings.questions_per_experiment if agent.paced else None
 
     @property
     def simulated(self) -> Simulated | None:
         """Return how many θ were simulated unseen; None if the agent simulates nothing."""
-        with self._guarded.reading() as flow:
-            return simulated(flow)
+        return simulated(self._flow)
 
     @property
     def surrogate(self) -> Surrogate | None:
         """Return the learned cost of m physical θ, lower is better; None if nothing is learned."""
-        with self._guarded.reading() as flow:
-            closed = flow.state.history.comparisons
-            learned = any(c.answer.preference is not None and not c.retracted for c in closed)
-            # A copy, since the surrogate must not change while it is shown.
-            return getattr(flow.agent.copy(), "surrogate", None) if learned else None
+        closed = self._flow.state.history.comparisons
+        learned = any(c.answer.preference is not None and not c.retracted for c in closed)
+        # A copy, since the surrogate must not change while it is shown.
+        return getattr(self._flow.agent.copy(), "surrogate", None) if learned else None
 
     @property
     def _promise(self) -> str | None:
@@ -369,15 +108,14 @@ class Known:
         if self.screens:
             found = self.findings
             return (promise(found) or None) if found is not None else None
-        with self._guarded.reading() as flow:
-            closed = flow.state.history.comparisons
+        closed = self._flow.state.history.comparisons
         return self.promise if sum(c.verdict is not None for c in closed) >= _LEAST else None
 
     @property
     def promise(self) -> str:
         """Return what the next experiment can bring; empty if unknown, and if the person chose it."""
-        with self._guarded.reading() as flow:
-            pending, requested = flow.study.pending, flow.state.requested
+        study = self._flow.study
+        pending, requested = study.pending, study.state.requested
         index, found = None if pending is None else pending.index, self.foresight()
         return "" if found is None or index in requested else foreseen(found.chance, index)
 
@@ -386,8 +124,7 @@ class Known:
 
         With `learn`, or if no threads work in the background, it is worked out here and now.
         """
-        with self._guarded.reading() as flow:
-            agent, learn = flow.agent.copy(), learn or not self._guarded.has_background
+        agent, learn = self._flow.agent.copy(), learn or not self._flow.has_background
         if not isinstance(agent, GLISp) or not (learn or agent.foresees):
             return None
         return agent.foresight
@@ -398,8 +135,7 @@ class Known:
         best, promise = self._best(), self._promise
         if promise is None or best is None:
             return None
-        with self._guarded.reading() as flow:
-            state, place, by_value = flow.state, flow.file.path, flow.agent.by_value
+        state, place, by_value = self._flow.state, self._flow.file.path, self._flow.agent.by_value
         space = self._scenario().space
         found = outlook(promise, best.theta, space, place, state, missed=self.missed, helps=self._helps)
         said = self.findings
@@ -420,7 +156,8 @@ class Known:
         return falls_outward(surrogate, self._scenario().space, best.theta, knob, upper)
 
     def _best(self) -> Experiment | None:
-        with self._guarded.reading() as flow:
+        flow = self._flow
+        with flow.changed:
             best = flow.study.best
             return None if best is None else flow.store.experiment(best)
 
@@ -435,8 +172,7 @@ class Known:
     @property
     def screens(self) -> bool:
         """Return whether the agent simulates θ that are not shown."""
-        with self._guarded.reading() as flow:
-            return isinstance(flow.agent, Screening)
+        return simulates(self._flow.agent)
 
     @property
     def findings(self) -> Findings | None:
@@ -444,21 +180,22 @@ class Known:
 
         None for agents that simulate nothing, and before it is worked out.
         """
-        with self._guarded.reading() as flow:
-            return flow.findings
+        with self._flow.changed:
+            return self._flow.findings
 
     def screened(self, *, current: bool = True) -> Screened | None:
         """Return what was simulated; None for other agents and before it is known.
 
         With `current`, what was known before the latest answer counts as unknown.
         """
-        with self._guarded.reading() as flow:
-            return flow.thoughts.grounds(flow.agent) if current else flow.thoughts.screened
+        with self._flow.changed:
+            return self._flow.thoughts.grounds(self._flow.agent) if current else self._flow.thoughts.screened
 
     @property
     def is_told(self) -> bool:
         """Return whether all is said that will be, of the open question or of the result."""
-        with self._guarded.reading() as flow:
+        flow = self._flow
+        with flow.changed:
             over, found = flow.phase is Phase.OVER, flow.findings
             if flow.thoughts.simulator is None or flow.thoughts.prefetch.silent:
                 return True
@@ -469,63 +206,62 @@ class Known:
 
         It does not wait if nothing works in the background.
         """
-        guarded = self._guarded
-        with guarded.changed:
-            guarded.changed.wait_for(
-                lambda: self.is_told or guarded.closing or not guarded.has_background, timeout
-            )
+        flow = self._flow
+        with flow.changed:
+            flow.changed.wait_for(lambda: self.is_told or flow.closing or not flow.has_background, timeout)
             return self.is_told
 
     @property
     def index(self) -> LearnedCost | None:
         """Return the cost learned from answers and KPIs; None while they say nothing about it."""
-        with self._guarded.reading() as flow:
+        flow = self._flow
+        with flow.changed:
             history, seed = known_outcomes(flow.state, flow.store), flow.study.seed
         return index_of(history, seed)
 
     @property
     def consistency(self) -> Consistency:
         """Return how consistent the answers are."""
-        with self._guarded.reading() as flow:
-            return Consistency.of(flow.state)
+        return Consistency.of(self._flow.state)
 
 
 def simulated(flow: Flow) -> Simulated | None:
     """Return how many θ were simulated unseen; None if the agent simulates nothing."""
     simulator, screened = flow.thoughts.simulator, flow.thoughts.screened
-    if simulator is None or not isinstance(flow.agent, Screening):
+    if simulator is None:
         return None
-    planned = flow.agent.n_simulated
+    agent = cast(Screening, flow.agent)
+    planned = agent.n_simulated
     # What was simulated for answers that were not given is not counted.
     shown = len(flow.state.finished)
     count, failed = min(simulator.count, planned), simulator.failed
     if screened is not None:
         count, failed = len(screened.bank), int(screened.bank.failed.sum())
     # Equal θ run once: where nothing is simulated any more, fewer than that were.
-    twin, due = flow.thoughts.twin is not None, flow.agent.due if simulator.busy else 0
+    twin, due = flow.thoughts.twin is not None, agent.due if simulator.busy else 0
     return Simulated(count, planned, failed, shown, twin=twin, due=due)
 
 
 class Past:
     """Experiments and answers of an interview, readable from any thread."""
 
-    def __init__(self, guarded: Guarded) -> None:
-        self._guarded = guarded
+    def __init__(self, flow: Flow) -> None:
+        self._flow = flow
 
     def experiment(self, index: int) -> Experiment:
         """Return experiment `index`, from 0. Raises StudyError if there is none."""
-        with self._guarded.reading() as flow:
-            return flow.store.experiment(index)
+        with self._flow.changed:
+            return self._flow.store.experiment(index)
 
     def end(self, index: int) -> End:
         """Return how experiment `index`, from 0, ended. Raises StudyError if there is none."""
-        with self._guarded.reading() as flow:
-            return flow.store.end(index)
+        with self._flow.changed:
+            return self._flow.store.end(index)
 
     def asked(self, answer: int) -> Question:
         """Return answered question `answer` as it was shown. Raises StaleError if there is none."""
-        with self._guarded.reading() as flow:
-            return flow.store.asked(closed(flow, answer))
+        with self._flow.changed:
+            return self._flow.store.asked(closed(self._flow, answer))
 
     def closed(self, answer: int) -> Comparison:
         """Return answer number `answer`, from 1; -1, -2, ... are follow-up comparisons.
@@ -533,18 +269,19 @@ class Past:
         Raises:
             StaleError: If there is none.
         """
-        with self._guarded.reading() as flow:
-            return closed(flow, answer)
+        return closed(self._flow, answer)
 
     def comparisons(self, start: int = 0) -> tuple[Compared, ...]:
         """Return every closed query from number `start` on, including the first experiment's."""
-        with self._guarded.reading() as flow:
-            return tuple(flow.store.comparison(i) for i in range(start, flow.state.history.answered))
+        with self._flow.changed:
+            return tuple(
+                self._flow.store.comparison(i) for i in range(start, self._flow.state.history.answered)
+            )
 
     def answered(self) -> tuple[Compared, ...]:
         """Return the comparisons whose answers stand, in order, follow-up comparisons included."""
-        with self._guarded.reading() as flow:
-            return tuple(flow.store.compared(closed) for closed in answered(flow.state))
+        with self._flow.changed:
+            return tuple(self._flow.store.compared(closed) for closed in answered(self._flow.state))
 
 
 # --- Run an interview: an agent, a study file, and the open question.
@@ -573,7 +310,6 @@ class Interview:
 
     Attributes:
         file: Study file.
-        steps: What the person can do.
         known: What is known: counts, what was learned, and whether to continue.
         past: Experiments and answers so far.
     """
@@ -602,9 +338,8 @@ class Interview:
         agent = agent_of(file.state, scenario.space, simulator)
         store = ExperimentStore(scenario, file)
         self._flow = Flow(file, store, agent, Thoughts(simulator, twin), at_once)
-        self._guarded = Guarded(self._flow)
-        self.steps, self.past = Steps(self._guarded, self.now), Past(self._guarded)
-        self.known = Known(self._guarded, lambda: self.scenario)
+        self.past = Past(self._flow)
+        self.known = Known(self._flow, lambda: self.scenario)
         self._preparing: Compiling | None = None
         self._idle_at: int | None = None
         if asks:
@@ -618,7 +353,8 @@ class Interview:
         """
         if not finds_kpis(self._scenario):
             return self._scenario
-        with self._guarded.reading() as flow:
+        flow = self._flow
+        with flow.changed:
             measured = flow.store.first_measured()
             if measured is not None:
                 self._scenario = with_found_kpis(self._scenario, measured)
@@ -626,7 +362,8 @@ class Interview:
 
     def now(self) -> Now:
         """Return a consistent view of the current state."""
-        with self._guarded.reading() as flow:
+        flow = self._flow
+        with flow.changed:
             study, underway = flow.study, flow.underway
             return Now(
                 version=flow.version,
@@ -635,7 +372,7 @@ class Interview:
                 problem=None if flow.problem is None else in_words(flow.problem),
                 pending=study.pending,
                 incumbent=study.best,
-                can=possible(flow),
+                can=possible(flow.standing),
                 state=flow.state,
                 preparing=self._preparing,
                 draft=flow.latest.draft,
@@ -647,9 +384,9 @@ class Interview:
 
     def wait(self, version: int, timeout: float) -> Now:
         """Return as soon as the version differs from `version`, or after `timeout` seconds."""
-        guarded = self._guarded
-        with guarded.changed:
-            guarded.changed.wait_for(lambda: self._flow.version != version or guarded.closing, timeout)
+        flow = self._flow
+        with flow.changed:
+            flow.changed.wait_for(lambda: flow.version != version or flow.closing, timeout)
             return self.now()
 
     @property
@@ -666,12 +403,23 @@ class Interview:
             ScenarioError: If the agent does not simulate, or the simulation failed.
             KnobError: If the space does not hold `theta`.
         """
-        return runs.look_at(self._flow, self._guarded.changed, theta)
+        return runs.look_at(self._flow, theta)
 
-    def preview(self, given: Given) -> Preview:
+    def do(self, action: Action) -> Now:
+        """Take an action if that is possible now, and return what is then to be seen.
+
+        Raises:
+            StaleError: If it comes too late, for example from a second tab; nothing is recorded.
+            StudyError: If the file cannot be written; nothing has changed then.
+        """
+        with self._flow.changing():
+            action.take(self._flow)
+            return self.now()
+
+    def preview(self, record: Record) -> Preview:
         """Read a rig's record, and save nothing. Raises RecordError if it is refused."""
-        with self._guarded.reading() as flow:
-            return runs.preview(flow, given)
+        with self._flow.changed:
+            return record.preview(self._flow)
 
     @property
     def drives(self) -> bool:
@@ -688,7 +436,7 @@ class Interview:
 
         def tell(part: Compiling | None) -> None:
             self._preparing = part
-            self._guarded.tell()
+            self._flow.tell()
             if part is not None:
                 report(part)
 
@@ -700,56 +448,57 @@ class Interview:
 
     def work(self) -> bool:
         """Do the next piece of work; False if there is none. The long part holds no lock."""
-        guarded = self._guarded
-        with guarded.changing() as flow:
+        flow = self._flow
+        with flow.changing():
             # Never start a plant after closing: a person may already stand at it.
             before = flow.version
-            job = None if guarded.closing else runs.due(flow, ahead=self._runs_ahead)
+            job = None if flow.closing else runs.due(flow, ahead=self._runs_ahead)
             took = flow.version != before  # a result that was known already
             self._idle_at = None if job or took else flow.version
         if job is None:
             return took
         try:
             found = job.run()
-            with guarded.changing() as flow:
+            with flow.changing():
                 job.finish(flow, found)
         except Exception as error:
             # Keep the thread alive: the problem is shown and can be retried.
-            with guarded.changing() as flow:
-                flow.move(Phase.FAILED, error)
+            with flow.changing():
+                flow.feed(Moment.BROKEN, error)
         return True
 
     def wait_for_work(self, timeout: float = 0.5) -> bool:
         """Wait until there may be work; return False once the interview is closed."""
-        guarded = self._guarded
-        with guarded.changed:
-            guarded.has_background = True
-            guarded.changed.wait_for(lambda: guarded.closing or self._flow.version != self._idle_at, timeout)
-            return not guarded.closing
+        flow = self._flow
+        with flow.changed:
+            flow.has_background = True
+            flow.changed.wait_for(lambda: flow.closing or flow.version != self._idle_at, timeout)
+            return not flow.closing
 
     def raise_problem(self) -> None:
         """Raise the problem if the phase is FAILED."""
-        with self._guarded.reading() as flow:
-            if flow.phase is Phase.FAILED and flow.problem is not None:
-                raise flow.problem
+        if (problem := self._flow.problem) is not None:
+            raise problem
 
     def close(self) -> None:
         """Take no more work and end a run of the user's scenario; the study file stays open."""
-        with self._guarded.reading() as flow:
-            self._guarded.closing = True
+        flow = self._flow
+        with flow.changed:
+            flow.closing = True
             flow.underway.stop("given up")
             if flow.thoughts.simulator is not None:
                 flow.thoughts.simulator.abandon()
-            self._guarded.changed.notify_all()
+            flow.changed.notify_all()
 
     @property
     def is_closed(self) -> bool:
         """Return whether `close` was called."""
-        return self._guarded.closing
+        return self._flow.closing
 
     def _simulating(self) -> None:
         """Tell front ends how far the simulations are while they say nothing else."""
-        with self._guarded.changing() as flow:
+        flow = self._flow
+        with flow.changing():
             if flow.phase is Phase.RUNNING or flow.thoughts.screened is None:
                 flow.version += 1
 

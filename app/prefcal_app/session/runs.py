@@ -1,8 +1,7 @@
-"""Let the agent think and experiments run, while a study waits for them: what is due, done and supplied."""
+"""Let the agent think and experiments run, while a study waits for them: what is due, and done."""
 
 import threading
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar, cast
 
 import numpy as np
@@ -12,31 +11,18 @@ from prefcal_agents.agent import Agent
 from prefcal_agents.screening.agent import Screening
 from prefcal_agents.screening.findings import findings
 from prefcal_app.simulating import Abandoned, Screened
-from prefcal_env.errors import KnobError, RecordError, RunError, ScenarioError, StaleError, StudyError
+from prefcal_env.errors import RunError, ScenarioError, StudyError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs import theta_key
-from prefcal_env.preferences.answer import Answer, Outcome, counts_as_unsafe
+from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.history import History
-from prefcal_env.sources import Run, Table
-from prefcal_env.study import (
-    Concluded,
-    Dialed,
-    Ended,
-    Extended,
-    Failed,
-    Finished,
-    Noted,
-    Reopened,
-    Replaced,
-    Suggested,
-    Taken,
-)
+from prefcal_env.sources import Run
+from prefcal_env.study import Concluded, Failed, Finished, Suggested, Taken
 from prefcal_env.wording import as_exception, in_words
-from prefcal_scenarios.runs import outcome
 from prefcal_scenarios.scenario import Scenario, check_experiment
 
-from .flow import LIKELIEST, LIKELY, Flow, refusal
-from .study import GOOD_ENOUGH, Phase, Question, Recovery, agent_of
+from .flow import LIKELIEST, LIKELY, Flow
+from .study import Moment, Phase, Question, Recovery
 
 # --- Let the agent choose queries in the background: it may simulate for seconds, without a lock.
 
@@ -194,140 +180,7 @@ def _let_choose(twin: Agent, simulates: bool) -> Screened | None:
         return None
 
 
-# --- Preview, save and replace the records of a rig.
-
-
-@dataclass(frozen=True, slots=True)
-class Given:
-    """Record as the person provides it.
-
-    Args:
-        index: Index of the experiment, from 0.
-        content: Content of the CSV file.
-        unsafe: Whether the run became unsafe and was stopped.
-        theta: Physical θ that was really set, one number per knob; None for the proposed one.
-        again: Whether to accept the same curves as another experiment's.
-    """
-
-    index: int
-    content: bytes
-    unsafe: bool = False
-    theta: tuple[float, ...] | None = None
-    again: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Preview:
-    """Preview of what would be saved.
-
-    Args:
-        experiment: Experiment as read from the record.
-        same: Index of another experiment with identical curves; None if there is none.
-        retracts: Number of answers that would no longer teach anything.
-    """
-
-    experiment: Experiment
-    same: int | None
-    retracts: int
-
-
-def preview(flow: Flow, given: Given) -> Preview:
-    """Read a record, and save nothing.
-
-    Raises:
-        StaleError: If the record is not awaited and cannot replace one.
-        RecordError: If the record or the θ that was set is refused.
-    """
-    _check_due(flow, given.index)
-    theta = _dialed(flow, given)
-    if theta is None:
-        theta = np.array(flow.state.history.samples[given.index].theta)
-    run = flow.underway.source.begin(theta, seed=flow.study.seed)
-    run.supply(Table(given.content, given.unsafe))
-    experiment = check_experiment(flow.store.scenario, theta, run.advance())
-    standing = [c for c in flow.state.history.counting if c.incumbent is not None and not c.retracted]
-    retracts = sum(given.index in (c.challenger, c.incumbent) for c in standing)
-    return Preview(experiment, _same(flow, given.index, experiment), retracts)
-
-
-def record(flow: Flow, given: Given) -> None:
-    """Save the record of the pending sample, or replace an earlier experiment's.
-
-    Raises:
-        StaleError: As in `preview`.
-        RecordError: As in `preview`, or if the curves equal another experiment's and `again` is
-            not set.
-        StudyError: If the study file cannot be written.
-    """
-    seen, index = preview(flow, given), given.index
-    if seen.same is not None and not given.again:
-        raise RecordError(
-            f"these are the curves of experiment {seen.same + 1}: is it the file of another run?"
-        )
-    theta = _dialed(flow, given)
-    events: list[Dialed | Replaced] = []
-    if theta is not None:
-        z = flow.store.scenario.space.encode(theta)
-        events.append(Dialed(index, tuple(z.tolist()), tuple(theta.tolist())))
-    replaces = index in flow.state.finished
-    if replaces:
-        known = Outcome(outcome(flow.store.scenario, seen.experiment)).to_dict()
-        events.append(Replaced(index, known, counts_as_unsafe(seen.experiment)))
-    flow.append(*events, (Finished(index), seen.experiment))
-    if not replaces or flow.phase is Phase.QUESTION:
-        flow.proceed()  # a question about the wrong curves is asked again, under another id
-    else:
-        flow.version += 1
-
-
-def _check_due(flow: Flow, index: int) -> None:
-    """Refuse a record that is neither waited for nor can replace one."""
-    if (refused := refusal(flow, "record")) is not None:
-        raise refused
-    pending = flow.study.pending
-    due = flow.phase is Phase.RECORD and pending is not None and pending.index == index
-    if not due and index not in flow.state.finished:
-        raise StaleError(f"experiment {index + 1} is no longer waited for: nothing was changed")
-
-
-def _dialed(flow: Flow, given: Given) -> Float[np.ndarray, " n"] | None:
-    """Return the θ that was really set, shape (n,); None if it equals the sample's."""
-    if given.theta is None:
-        return None
-    index, space = given.index, flow.store.scenario.space
-    try:
-        theta = space.decode(space.encode(space.check_allowed(np.array(given.theta))))
-    except KnobError as error:
-        raise RecordError(f"what you set cannot be learned from: {error}") from error
-    samples = flow.state.history.samples
-    if np.array_equal(theta, samples[index].theta):
-        return None
-    if index != flow.state.history.answered:
-        raise RecordError(f"experiment {index + 1} was compared already: its θ stays")
-    for i, earlier in enumerate(samples[:index]):
-        if np.array_equal(theta, earlier.theta):
-            raise RecordError(f"experiment {i + 1} was run with exactly the θ that you set")
-    return theta
-
-
-def _same(flow: Flow, index: int, experiment: Experiment) -> int | None:
-    """Return another experiment with the same curves, even if its file was saved again."""
-    mine = _curves(experiment)
-    for other in sorted(flow.state.finished):
-        theirs = _curves(flow.store.experiment(other))
-        comparable = other != index and len(theirs[0]) and len(mine) == len(theirs)
-        if comparable and all(map(np.array_equal, mine, theirs)):
-            return other
-    return None
-
-
-def _curves(experiment: Experiment) -> list[np.ndarray]:
-    """Return everything that a record holds; outputs only if they are no states."""
-    arrays = [experiment.t, experiment.x, experiment.u]
-    return arrays if experiment.y is None else [*arrays, experiment.y]
-
-
-# --- Run the experiments of an interview, handle failed and stopped runs, and end the study.
+# --- Run the experiments of an interview, and take what comes of them.
 
 UNBIDDEN = ("late", "died")
 """Reasons for a run without an experiment that neither the person nor their code gave."""
@@ -348,7 +201,7 @@ def due(flow: Flow, *, ahead: bool) -> Job[Any] | None:
         if pending is None or pending.index in flow.state.finished or underway.source.asks:
             return GoOn()
         if flow.at_once > 1:
-            return _beside(flow) if flow.proposed else GoOn()
+            return _beside(flow) if study.proposed else GoOn()
         return _running(flow, pending)
     if flow.phase is Phase.QUESTION and is_unexplained(flow):
         return Say(flow)
@@ -488,8 +341,8 @@ def _ran(flow: Flow, sample: Suggested, result: Experiment | Exception) -> None:
         due = flow.state.history.answered
         flow.append(*([] if index == due else [Taken(index)]), Failed(due, in_words(result)))
     except StudyError as error:
-        return flow.move(Phase.FAILED, error)
-    return flow.move(Phase.FAILED, result)
+        return flow.feed(Moment.BROKEN, error)
+    return flow.feed(Moment.BROKEN, result)
 
 
 def _ran_beside(flow: Flow, index: int, result: Experiment | Exception, theta: Theta) -> None:
@@ -533,16 +386,16 @@ def attempt(
     return experiment
 
 
-def look_at(flow: Flow, lock: threading.Condition, theta: Float[np.ndarray, " n"]) -> Experiment:
+def look_at(flow: Flow, theta: Float[np.ndarray, " n"]) -> Experiment:
     """Return the experiment of a simulated θ, physical, shape (n,), and record nothing.
 
-    It runs without `lock`, that of the interview. A question about θ then finds the experiment.
+    It runs without the lock. A question about θ then finds the experiment.
 
     Raises:
         ScenarioError: If the agent does not simulate, or the simulation failed.
         KnobError: If the space does not hold θ.
     """
-    with lock:
+    with flow.changed:
         if not isinstance(flow.agent, Screening):
             raise ScenarioError("only an experiment that is simulated unseen can be looked at")
         theta = flow.agent.space.check_allowed(theta)
@@ -553,24 +406,24 @@ def look_at(flow: Flow, lock: threading.Condition, theta: Float[np.ndarray, " n"
     if found is not None:
         return found
     with _ONE_AT_A_TIME:
-        result = _looked_at(flow, lock, theta)
+        result = _looked_at(flow, theta)
     if not isinstance(result, Experiment):
         raise ScenarioError(f"this simulation failed: {result}") from result
     if flow.thoughts.twin is None:
-        with lock:
+        with flow.changed:
             flow.thoughts.prefetch.keep(theta, result)
     return result
 
 
-def _looked_at(flow: Flow, lock: threading.Condition, theta: Theta) -> Experiment | Exception | None:
+def _looked_at(flow: Flow, theta: Theta) -> Experiment | Exception | None:
     key = b"look " + theta_key(theta)
-    with lock:
+    with flow.changed:
         run = (flow.thoughts.twin or flow.store.scenario).source.begin(theta.copy(), seed=flow.study.seed)
         flow.underway.going[key] = run  # so that it makes way for what is waited for
     try:
         return attempt(flow, run, theta, flow.thoughts.twin)
     finally:
-        with lock:
+        with flow.changed:
             del flow.underway.going[key]
 
 
@@ -591,80 +444,3 @@ def _looking_ahead(flow: Flow) -> RunAhead | LookAhead | None:
 def _is_known(flow: Flow, theta: Float[np.ndarray, " n"]) -> bool:
     """Return whether θ has run: in the study, for example before an undo, or as a prefetch."""
     return flow.file.find_experiment(theta) is not None or flow.thoughts.prefetch.is_known(theta)
-
-
-def _pending(flow: Flow, index: int, then: str = "nothing was changed") -> Suggested:
-    """Return the pending sample. Raises StaleError unless its index is `index`."""
-    pending = flow.study.pending
-    if pending is None or pending.index != index:
-        raise StaleError(f"experiment {index + 1} is no longer waited for: {then}")
-    return pending
-
-
-def confirm(flow: Flow, index: int) -> None:
-    """Let the run of the pending sample start, with the values that the person was shown."""
-    run = flow.underway.of(_pending(flow, index, "nothing was written"))
-    assert run is not None
-    assert run.changes is not None
-    run.supply(run.changes)
-    run.waits, run.moves_plant = False, True
-    flow.move(Phase.RUNNING)
-
-
-def stop(flow: Flow, index: int) -> None:
-    """Stop the run of the pending sample, which then counts as failed."""
-    underway, pending = flow.underway, _pending(flow, index)
-    run, key = underway.of(pending), theta_key(pending.theta)
-    if underway.source.asks:
-        flow.version += 1
-    elif flow.at_once == 1:
-        for other in (run for name, run in underway.going.items() if name != key):
-            other.stop("given up")  # it runs in the only process
-    if run is not None:
-        run.stop("stopped")
-
-
-def fail(flow: Flow, index: int, reason: str = "") -> None:
-    """Count the run of the pending sample as failed: an experiment without a record."""
-    key = theta_key(_pending(flow, index).theta)
-    noted = [Noted(f"experiment {index + 1} failed: {reason}")] if reason else []
-    partial = flow.underway.partial.pop(key, None)
-    flow.append(*noted, (Finished(index), partial or flow.store.failed(index)))
-    flow.proceed()
-
-
-def retry(flow: Flow) -> None:
-    """Retry what failed, in phase FAILED: a run, or writing the study file.
-
-    In phase CONFIRM, read the live plant's present values again.
-    """
-    underway, study = flow.underway, flow.study
-    on_the_plant = flow.phase is Phase.CONFIRM or underway.plant.recovery is Recovery.FAILED
-    if on_the_plant:
-        underway.plant.is_due()
-        flow.version += 1
-    if flow.phase is Phase.CONFIRM and study.pending is not None:
-        underway.wait_for(study.pending, study.unfinished, anew=True)
-    if flow.phase is Phase.FAILED:
-        flow.move(Phase.RUNNING)
-        if study.pending is not None and not underway.source.asks:
-            underway.wait_for(study.pending, study.unfinished)
-
-
-def finish(flow: Flow) -> None:
-    """End the study at the person's request."""
-    best, marks = flow.study.best, flow.state.marks
-    good = best is not None and GOOD_ENOUGH in marks.get(best, frozenset())
-    flow.append(Ended(GOOD_ENOUGH if good else "stopped"))
-    flow.proceed()
-
-
-def go_on(flow: Flow, more: int = 0) -> None:
-    """Reopen the ended study, with `more` additional experiments."""
-    state = flow.state
-    if more < 0 or (more == 0 and state.history.answered >= state.n_max):
-        raise StaleError(f"all {state.n_max} experiments are compared: say how many more")
-    extended = [Extended(state.n_max + more)] if more else []
-    flow.append(*extended, Reopened())
-    flow.agent = agent_of(flow.state, flow.store.scenario.space, flow.thoughts.simulator)
-    flow.proceed()

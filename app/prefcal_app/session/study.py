@@ -4,7 +4,8 @@ from collections import OrderedDict
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import Any, cast
+from types import MappingProxyType
+from typing import Any, Final, cast
 from weakref import WeakValueDictionary
 
 import numpy as np
@@ -34,15 +35,32 @@ from prefcal_env.preferences.answer import (
 )
 from prefcal_env.preferences.answer import Comparison as Compared
 from prefcal_env.preferences.history import Comparison, History
-from prefcal_env.sources.source import Change, Progress, RunCurve
-from prefcal_env.study import Ended, Event, Led, Shown, State, StudyFile, Suggested, Taken, space_of
+from prefcal_env.sources.source import Asks, Change, Progress, RunCurve
+from prefcal_env.study import (
+    Answered,
+    Ended,
+    Event,
+    Failed,
+    Finished,
+    Led,
+    Reopened,
+    Requested,
+    Shown,
+    State,
+    StudyFile,
+    Suggested,
+    Taken,
+    Undone,
+    space_of,
+)
 from prefcal_env.study import knobs_as_dicts as knobs_as_dicts
 from prefcal_scenarios.runs import outcome
 from prefcal_scenarios.scenario import Scenario, with_ranges
 
 # --- Define what a front end sees of a study at one moment: the phase, the question, the plant.
 
-UNSAFE, GOOD_ENOUGH = "unsafe", "good enough"
+UNSAFE: Final = "unsafe"
+GOOD_ENOUGH: Final = "good enough"
 MARKS = (UNSAFE, GOOD_ENOUGH)
 """Marks that a person can give an experiment, apart from any verdict."""
 
@@ -110,6 +128,10 @@ class Question:
     def incumbent(self) -> Side:
         """Return the other side: the best so far, or the rival in a follow-up comparison."""
         return self.right if self.left.challenger else self.left
+
+    def side(self, name: str) -> Side:
+        """Return the side "left" or "right"."""
+        return self.left if name == "left" else self.right
 
     def preference(self, choice: Choice) -> Preference | None:
         """Return the preference of eq. pref_fun that `choice` means; None for an abstention."""
@@ -235,9 +257,44 @@ ENOUGH = "little is left to gain"
 _SIDES, _REPEATS = 11, 12  # streams of the study's seed; agents use other ones
 
 
-@dataclass(frozen=True, slots=True)
-class Think:
-    """Let the agent choose the next query, which takes simulations."""
+class Moment(Enum):
+    """What happens to a study and is no event of its file."""
+
+    THINK = "the agent chooses the next query"
+    RUN = "experiments run"
+    RECORD = "a record is waited for"
+    CONFIRM = "a confirmation is waited for"
+    CONFIRMED = "a run was confirmed"
+    ASKED = "the open question is shown"
+    BROKEN = "a step failed"
+    RETRIED = "the failed step is tried again"
+    OVER = "nothing is left to do"
+
+
+_ANY = frozenset(Phase)
+TRANSITIONS: Mapping[type[Event] | Moment, tuple[frozenset[Phase], Phase]] = MappingProxyType(
+    {
+        Shown: (_ANY, Phase.QUESTION),
+        Answered: (_ANY, Phase.RUNNING),
+        Undone: (_ANY, Phase.RUNNING),
+        Requested: (_ANY, Phase.RUNNING),
+        # One that ran beside an open question, or beside a failed run, does not change what is waited for.
+        Finished: (frozenset({Phase.RUNNING, Phase.RECORD, Phase.CONFIRM}), Phase.RUNNING),
+        Failed: (_ANY, Phase.FAILED),
+        Ended: (_ANY, Phase.OVER),
+        Reopened: (frozenset({Phase.OVER}), Phase.RUNNING),
+        Moment.THINK: (_ANY, Phase.RUNNING),
+        Moment.RUN: (_ANY, Phase.RUNNING),
+        Moment.RECORD: (_ANY, Phase.RECORD),
+        Moment.CONFIRM: (_ANY, Phase.CONFIRM),
+        Moment.CONFIRMED: (frozenset({Phase.CONFIRM}), Phase.RUNNING),
+        Moment.ASKED: (_ANY, Phase.QUESTION),
+        Moment.BROKEN: (_ANY, Phase.FAILED),
+        Moment.RETRIED: (frozenset({Phase.FAILED}), Phase.RUNNING),
+        Moment.OVER: (_ANY, Phase.OVER),
+    }
+)
+"""Phases in which something leads to another phase, and to which; whatever is not here changes none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,28 +312,38 @@ class Settle:
 
 
 @dataclass(frozen=True, slots=True)
-class Wait:
-    """Run the pending samples that have no experiment."""
-
-
-@dataclass(frozen=True, slots=True)
 class Ask:
     """Ask about two experiments."""
 
     shown: Shown
 
 
+Todo = Write | Settle | Ask | Moment
+_WAITS: Mapping[Asks, Moment] = {"": Moment.RUN, "record": Moment.RECORD, "confirm": Moment.CONFIRM}
+
+
 @dataclass(frozen=True, slots=True)
-class Over:
-    """Do nothing: the study has ended."""
+class Plant:
+    """What decides of a plant, or of whatever runs θ, what a person can do now.
 
+    Args:
+        asks: What a person does for each run, as `Source.asks` says.
+        stops: Whether a run can be stopped.
+        moves: Whether a run changes the plant now.
+        ready: Whether it is known what the pending run would write.
+        recovery: Whether the plant has its old values again.
+    """
 
-Todo = Think | Write | Settle | Wait | Ask | Over
+    asks: Asks = ""
+    stops: bool = False
+    moves: bool = False
+    ready: bool = False
+    recovery: Recovery = Recovery.DONE
 
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """A study at one moment. Whoever drives it saves each event, and asks again what is to do.
+    """A study at one moment. Whoever drives it saves each event, feeds it, and asks what is next.
 
     Args:
         strategy: What the agent asks after a record.
@@ -284,6 +351,11 @@ class Study:
         state: State after all events, see `prefcal_env.study.fold`.
         at_once: Number of experiments that may be pending at the same time.
         simulates: Whether choosing a query may take simulations.
+        phase: What it waits for.
+        plant: What runs θ.
+        thought: Whether the agent has thought about this record, to which only events were added
+            that follow from it.
+        proposed: Whether the agent has proposed what can run until the next answer, if several do.
     """
 
     strategy: Strategy
@@ -291,6 +363,28 @@ class Study:
     state: State
     at_once: int = 1
     simulates: bool = False
+    phase: Phase = Phase.RUNNING
+    plant: Plant = Plant()
+    thought: bool = False
+    proposed: bool = False
+
+    def feed(self, happened: Event | Moment, state: State | None = None) -> "Study":
+        """Return the study after an event, with the record's `state` after it, or after a moment."""
+        kind = happened if isinstance(happened, Moment) else type(happened)
+        sources, target = TRANSITIONS.get(kind, (_ANY, self.phase))
+        return replace(
+            self,
+            state=state or self.state,
+            phase=target if self.phase in sources else self.phase,
+            thought=kind in (Led, Suggested, Taken),
+            proposed=happened is Moment.RUN,
+        )
+
+    @property
+    def repeats(self) -> bool:
+        """Return whether the question that is open was asked before."""
+        shown = self.state.open
+        return self.phase is Phase.QUESTION and shown is not None and shown[1].repeats is not None
 
     @property
     def _may_stop(self) -> bool:
@@ -331,18 +425,13 @@ class Study:
         """Return whether choosing the next query may take simulations, so no lock may be held."""
         return self.simulates and self.history.pending is None and not self.strategy.knows(self.history)
 
-    def todo(self, *, thought: bool = False) -> Todo:
-        """Return what is to do now.
-
-        Args:
-            thought: Whether the agent has thought about this record, to which only events were
-                added that follow from it.
-        """
+    def next(self) -> Todo:
+        """Return what is to be written, settled or asked now, or what is waited for."""
         strategy = self.strategy
         if self.state.ended:
-            return Over()
-        if self.must_think and not thought:
-            return Think()
+            return Moment.OVER
+        if self.must_think and not self.thought:
+            return Moment.THINK
         leader = strategy.leader(self.history)
         if leader is not None and leader != self.best:
             return Write(Led(leader))
@@ -356,7 +445,7 @@ class Study:
             return Write(Ended(ENOUGH))
         # A query about two known experiments comes first, then the experiment that ended first.
         ready = first_ready(queries, lambda side: self.state.finished.get(side.index))
-        return Wait() if ready is None else self._about(ready)
+        return _WAITS[self.plant.asks] if ready is None else self._about(ready)
 
     def _about(self, ready: Query) -> Todo:
         """Return what is to do about a query whose experiments are known."""

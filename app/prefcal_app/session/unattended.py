@@ -14,6 +14,7 @@ from prefcal_env.preferences.answer import Answer, Calibrator, Comparison, Prefe
 from prefcal_env.wording import in_words, located
 from prefcal_env.workers import GRACE
 
+from .actions import Fail, Give
 from .interview import Interview
 from .runs import UNBIDDEN
 from .study import Now, Phase, Question
@@ -109,7 +110,7 @@ def _driven(
         if now.phase is Phase.QUESTION:
             assert now.question is not None
             assert calibrator is not None, "an agent that is told scores asks nothing"
-            interview.steps.give(now.question.id, _given(calibrator, now.question))
+            interview.do(Give(now.question.id, _given(calibrator, now.question)))
         elif now.phase in (Phase.RECORD, Phase.CONFIRM):
             assert now.pending is not None
             interview.scenario.source.run(np.array(now.pending.theta))  # says that only a person can
@@ -155,7 +156,7 @@ def _lost(interview: Interview, before: int, failed: Callable[[str], None]) -> b
         if now.pending is None or before + 1 >= _MOST_LOST or not _is_of_this_run(error, now):
             raise
         failed(f"Experiment {now.pending.index + 1} failed: {in_words(located(error))}")
-        interview.steps.fail(now.pending.index, in_words(error))
+        interview.do(Fail(now.pending.index, in_words(error)))
     return True
 
 

@@ -2,14 +2,15 @@
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from math import isfinite
 from pathlib import Path
 
+from msgspec.structs import replace
 from rich.console import Console
 
-from prefcal_app.session import Choice, Given, Interview, Now, Phase
+from prefcal_app.session import Choice, Interview, Now, Phase, actions
 from prefcal_app.session.study import ENOUGH, GOOD_ENOUGH, UNSAFE, PlantNow, Recovery
 from prefcal_app.view import Seen, brief_view, history_view, now_view, preview_view, status_view
 from prefcal_env.errors import PrefcalError, StaleError
@@ -45,7 +46,7 @@ CHOICES = {
     "same": Choice.SAME,
     "s": Choice.CANNOT_TELL,
 }
-MARKS = {
+MARKS: dict[str, tuple[actions.Place, actions.Kind]] = {
     "q": ("left", UNSAFE),
     "e": ("right", UNSAFE),
     "a": ("left", GOOD_ENOUGH),
@@ -98,7 +99,7 @@ class _Conversation:
                 asked = self.typed() == "k" and "stop_run" in now.can
                 if asked and now.pending is not None:
                     with suppress(StaleError):  # the run has just ended
-                        self.interview.steps.stop_run(now.pending.index)
+                        self.interview.do(actions.StopRun(now.pending.index))
                 now = self.interview.wait(now.version, _LOOK)
 
     def _one(self, now: Now) -> bool:
@@ -135,8 +136,8 @@ class _Conversation:
             self._answer(now.question.id, CHOICES[said])
         elif said in MARKS:
             side, mark = MARKS[said]
-            on = mark not in getattr(now.question, side).marks
-            self.interview.steps.mark(now.question.id, side, mark, on)
+            on = mark not in now.question.side(side).marks
+            self.interview.do(actions.Mark(now.question.id, side, mark, on))
             self._say(f"{side.capitalize()}: {mark}" + ("." if on else ", no longer."))
         elif said in RESTORE and now.plant is not None:
             self._restore()
@@ -148,7 +149,7 @@ class _Conversation:
         return self.line(ANSWER).lower()
 
     def _answer(self, question: int, choice: Choice) -> None:
-        self.interview.steps.answer(question, choice, comment=self.comment, blind=self.blind)
+        self.interview.do(actions.Answer(question, choice, comment=self.comment, blind=self.blind))
         self.comment = ""  # after the answer is saved: on a full disk it is repeated
         self._say(f"Saved: {choice.value}.")
 
@@ -163,12 +164,12 @@ class _Conversation:
         elif said == "t":
             self.shown = None
         elif said == "p":
-            self.interview.steps.repeat()
+            self.interview.do(actions.Repeat())
         elif said == "f":
             # Asks again, since one letter is easily mistyped.
             self._say("Type f again to finish the study.")
             if self._said() == "f":
-                self.interview.steps.finish()
+                self.interview.do(actions.Finish())
         elif said in ("h", "w") and self.blind:
             self._say("That would show which experiment is which: end blind mode first (b).")
         elif said == "h":
@@ -182,7 +183,7 @@ class _Conversation:
     def _undo(self, now: Now) -> None:
         """Undo the last answer and its comment, or skip a question that was asked again."""
         skipped = now.question is not None and now.question.repeats is not None
-        self.comment = self.interview.steps.undo(now.version).draft or self.comment
+        self.comment = self.interview.do(actions.Undo(now.version)).draft or self.comment
         kept = f" Its comment is kept for the next one: {self.comment}" if self.comment else ""
         self._say("Skipped." if skipped else f"The last answer is undone.{kept}")
 
@@ -204,9 +205,9 @@ class _Conversation:
     def _instead_of_a_run(self, said: str, now: Now, why: str = "") -> bool:
         """Do what can be said in place of a run or its record; return False to stop."""
         if said in UNDO:
-            self.interview.steps.undo(now.version)
+            self.interview.do(actions.Undo(now.version))
         elif said == "failed" and now.pending is not None:
-            self.interview.steps.fail(now.pending.index, why)
+            self.interview.do(actions.Fail(now.pending.index, why))
         return said not in STOP
 
     def _confirm(self, now: Now) -> bool:
@@ -222,9 +223,9 @@ class _Conversation:
         ready = "write_and_start" in now.can
         said = self.line(f"write and start? yes, {choices}" if ready else choices)
         if said == "yes" and ready:
-            self.interview.steps.write_and_start(now.pending.index)
+            self.interview.do(actions.WriteAndStart(now.pending.index))
         elif said == "again":
-            self.interview.steps.retry()
+            self.interview.do(actions.Retry())
         return self._instead_of_a_run(said, now, "it was not run")
 
     def _unrestored(self, now: Now) -> None:
@@ -239,7 +240,7 @@ class _Conversation:
 
     def _restore(self) -> None:
         """Try to restore the plant's old values; a line ends the wait, not the attempt."""
-        self.interview.steps.retry()
+        self.interview.do(actions.Retry())
         self.missing, now = None, self.interview.now()
         words = "restoring the old values on the plant; Enter goes on meanwhile"
         with self.console.status(words):
@@ -261,15 +262,15 @@ class _Conversation:
         content = self._content(said.removeprefix("unsafe ").strip().strip("\"'"))
         if content is None:
             return
-        given = Given(index, content, unsafe, theta)
-        view = preview_view(self.interview, given)
+        record = actions.Record(index, content, unsafe, theta)
+        view = preview_view(self.interview, record)
         self._say(f"Experiment {index + 1}: {view['text']}.")
         for warning in view["warnings"]:
             self._say(warning)
         if view["warnings"] and self.line("save it anyway? yes or no") != "yes":
             self._say("Nothing was saved.")
             return
-        self.interview.steps.record(replace(given, again=True))
+        self.interview.do(replace(record, again=True))
         self.dialed = None
         self._say("The record is saved.")
 
@@ -297,11 +298,11 @@ class _Conversation:
         if said in RESTORE and _lacks_old_values(now.plant):
             self._restore()
         elif said == "t":
-            self.interview.steps.retry()
+            self.interview.do(actions.Retry())
         elif said == "f" and now.pending is not None:
-            self.interview.steps.fail(now.pending.index, now.problem or "")
+            self.interview.do(actions.Fail(now.pending.index, now.problem or ""))
         elif said == "z":
-            self.interview.steps.undo(now.version)
+            self.interview.do(actions.Undo(now.version))
         return True
 
     def _say(self, words: str) -> None:

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_app.session import Given, Interview, Preview, Question, Side
+from prefcal_app.session import Interview, Preview, Question, Side
+from prefcal_app.session.actions import Record
 from prefcal_app.session.study import PlantNow, Recovery
 from prefcal_app.summary import Spread, compared, measured_rows
 from prefcal_env.experiments.experiment import Channel, Experiment
@@ -544,12 +545,12 @@ def theta_texts(space: KnobSpace, theta: Iterable[float]) -> list[str]:
 # --- Preview what a person confirms: a rig's record, or what a run writes to a live plant.
 
 
-def preview_view(interview: Interview, given: Given) -> dict[str, Any]:
+def preview_view(interview: Interview, record: Record) -> dict[str, Any]:
     """Return PREVIEW for the page."""
-    scenario, seen = interview.scenario, interview.preview(given)
+    scenario, seen = interview.scenario, interview.preview(record)
     experiment, study = seen.experiment, Seen().look(interview)
     panels, unit = panels_of(scenario, experiment), experiment.channels.time_unit
-    side = Side(given.index, experiment, challenger=True)
+    side = Side(record.index, experiment, challenger=True)
     first, last = (quantity(float(experiment.t[k]), unit) for k in (0, -1))
     return {
         "panels": [panel_view(panel) for panel in panels],

@@ -3,7 +3,6 @@
 import json
 import logging
 import re
-import sys
 import threading
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,13 +11,13 @@ from itertools import count
 from math import isfinite
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any, Literal
+from typing import Any, TypeVar
 from urllib.parse import parse_qsl
 
 import anyio
 import anyio.to_thread
 import msgspec
-from msgspec import Meta, Struct, defstruct
+from msgspec import Struct
 from starlette.background import BackgroundTask
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
@@ -26,7 +25,8 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 
 from prefcal_app import report
-from prefcal_app.session import Choice, Given, Interview, Now, Phase
+from prefcal_app.session import Interview, Phase, actions
+from prefcal_app.session.actions import Text, Whole
 from prefcal_app.view import (
     Seen,
     asked_view,
@@ -46,52 +46,11 @@ from .security import NO_COOKIE, REPORT_POLICY, Assets, cookie, same
 
 # --- Say what a page can do, and check strictly what it sends: exact names and types, bounded sizes.
 
-LARGEST_NUMBER = 2**53 - 1
-"""Largest whole number that JavaScript, JSON and SQLite all hold exactly."""
-LONGEST_TEXT = 10_000
-"""Maximum number of characters of a comment or note."""
-
-Whole = Annotated[int, Meta(ge=0, le=LARGEST_NUMBER)]
-Signed = Annotated[int, Meta(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
-Real = Annotated[float, Meta(ge=-sys.float_info.max, le=sys.float_info.max)]
-# Without control characters, and without half a surrogate pair, which UTF-8 does not allow.
-Text = Annotated[
-    str, Meta(max_length=LONGEST_TEXT, pattern=r"^[^\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]*\Z")
-]
-
-MOST_MORE = 10_000
-"""Maximum number of additional experiments per request."""
-MOST_QUESTIONS = 99
-"""Maximum number of comparisons for each experiment; no ranking needs more."""
-
-_FIELDS: dict[str, dict[str, Any]] = {
-    "answer": {"question": Whole, "choice": Choice, "comment": Text, "blind": bool},
-    "mark": {
-        "question": Whole,
-        "side": Literal["left", "right"],
-        "mark": Literal["unsafe", "good enough"],
-        "on": bool,
-    },
-    "undo": {"version": Whole},
-    "retract": {"answer": Signed},
-    "repeat": {},
-    "pace": {"questions": Annotated[int, Meta(ge=1, le=MOST_QUESTIONS)]},
-    "ask_for": {"theta": tuple[Real, ...]},
-    "choose": {"theta": tuple[Real, ...], "best": Whole},
-    "stop_run": {"index": Whole},
-    "write_and_start": {"index": Whole},
-    "retry": {},
-    "fail": {"index": Whole, "reason": Text},
-    "finish": {},
-    "go_on": {"more": Annotated[int, Meta(ge=0, le=MOST_MORE)]},
-}
-ACTIONS: Mapping[str, type[Struct]] = MappingProxyType(
-    {
-        name: defstruct(name, list(fields.items()), forbid_unknown_fields=True)
-        for name, fields in _FIELDS.items()
-    }
+SENT: Mapping[str, type[actions.Action]] = MappingProxyType(
+    {name: kind for name, kind in actions.ACTIONS.items() if kind not in (actions.Give, actions.Record)}
 )
-"""Bodies of the requests, by the name of the interview's method; every field is required."""
+"""Actions that a page sends as JSON; a record is a file, and programs alone give other answers."""
+Body = TypeVar("Body", bound=Struct)
 
 
 class Nothing(Struct, forbid_unknown_fields=True):
@@ -115,7 +74,7 @@ class MalformedError(ValueError):
     """A request that prefcal's page never sends; the text is a sentence for the person."""
 
 
-def read_json(body: bytes, kind: type[Struct]) -> dict[str, Any]:
+def read_json(body: bytes, kind: type[Body]) -> Body:
     """Return the JSON object in `body`, which must have exactly the fields of `kind`.
 
     Raises:
@@ -123,11 +82,16 @@ def read_json(body: bytes, kind: type[Struct]) -> dict[str, Any]:
             the same name, the second counts.
     """
     try:
-        return msgspec.structs.asdict(msgspec.json.decode(body, type=kind))
+        found = msgspec.json.decode(body, type=kind)
+        # Defaults are for Python: a page that leaves a field out is that of another version.
+        missing = [name for name in kind.__struct_fields__ if name not in msgspec.json.decode(body)]
     except msgspec.ValidationError as error:
         raise MalformedError(f"The request does not fit: {error}.") from error
     except (msgspec.DecodeError, ValueError, RecursionError) as error:
         raise MalformedError("The request is not JSON in UTF-8.") from error
+    if missing:
+        raise MalformedError(f"The request does not fit: Object missing required field `{missing[0]}`.")
+    return found
 
 
 def read_query(query: bytes, fields: Mapping[str, Check]) -> dict[str, Any]:
@@ -548,18 +512,16 @@ class Api:
     async def act(self, request: Request, name: str) -> Response:
         """Do the action `name`, whose fields are the JSON body."""
         query = _query(request, _BLIND)
-        given = await _body(request, ACTIONS[name])
-        return await self._done(query, partial(getattr(self.interview.steps, name), **given))
+        return await self._done(query, await _body(request, SENT[name]))
 
     async def record(self, request: Request) -> Response:
         """Save the record of an experiment that the person ran."""
-        query, given = await _given(request)
-        return await self._done(query, partial(self.interview.steps.record, given))
+        return await self._done(*await _record(request))
 
     async def preview(self, request: Request) -> Response:
         """Return what would be saved of a record, with its curves."""
-        _, given = await _given(request)
-        return await _seen(partial(preview_view, self.interview, given))
+        _, record = await _record(request)
+        return await _seen(partial(preview_view, self.interview, record))
 
     async def seen_of(self, request: Request, view: Callable[[], Any]) -> Response:
         """Return what a function returns that is no branch of the interview's view."""
@@ -570,7 +532,7 @@ class Api:
         self, request: Request, do: Callable[..., None], kind: type[Struct], view: Callable[[], Any]
     ) -> Response:
         """Call a function with a body of this kind, and return what `view` returns then."""
-        await run_in_threadpool(partial(do, **await _body(request, kind)))
+        await run_in_threadpool(partial(do, **msgspec.structs.asdict(await _body(request, kind))))
         return await self.seen_of(request, view)
 
     async def close(self, request: Request) -> Response:
@@ -626,9 +588,9 @@ class Api:
             kept = self._kept[name] = (key, encoded(view()))
         return kept[1]
 
-    async def _done(self, query: dict[str, Any], do: Callable[[], Now]) -> Response:
-        """Call `do`, then return the next question if it is ready soon."""
-        now = await run_in_threadpool(do)
+    async def _done(self, query: dict[str, Any], action: actions.Action) -> Response:
+        """Take an action, then return the next question if it is ready soon."""
+        now = await run_in_threadpool(self.interview.do, action)
         end = anyio.current_time() + self.pace.after_answer
         while now.phase is Phase.RUNNING and anyio.current_time() < end:
             await self._change(now.version, end - anyio.current_time())
@@ -656,13 +618,13 @@ def _query(request: Request, fields: dict[str, Any]) -> dict[str, Any]:
     return read_query(request.scope["query_string"], fields)
 
 
-async def _body(request: Request, kind: type[Struct]) -> dict[str, Any]:
+async def _body(request: Request, kind: type[Body]) -> Body:
     if not _sent_as(request, "application/json"):
         raise HTTPException(415, "The request must be JSON.")
     return read_json(await request.body(), kind)
 
 
-async def _given(request: Request) -> tuple[dict[str, Any], Given]:
+async def _record(request: Request) -> tuple[dict[str, Any], actions.Record]:
     """Return the parameters and the record of a request that contains a record."""
     query = _query(request, _RECORD)
     if not _sent_as(request, "text/csv"):
@@ -670,7 +632,7 @@ async def _given(request: Request) -> tuple[dict[str, Any], Given]:
     if "index" not in query:
         raise MalformedError("The request does not say which experiment the record belongs to.")
     unsafe, again = query.get("unsafe", False), query.get("again", False)
-    return query, Given(query["index"], await request.body(), unsafe, query.get("theta"), again)
+    return query, actions.Record(query["index"], await request.body(), unsafe, query.get("theta"), again)
 
 
 def _sent_as(request: Request, media_type: str) -> bool:

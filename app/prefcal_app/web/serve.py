@@ -24,7 +24,7 @@ from starlette.routing import Route
 from prefcal_app.session import Interview
 from prefcal_env.errors import SettingsError
 
-from .api import ACTIONS, VIEWS, Api, JudgedRun, Nothing, Pages, Reports, Verifying, http_error
+from .api import SENT, VIEWS, Api, JudgedRun, Nothing, Pages, Reports, Verifying, http_error
 from .security import LARGEST_HEAD, Assets, Connection, Guard, Hosts, in_link, seen_from_outside, warning
 
 # --- Open the window's link in a graphical browser, if there is one.
@@ -241,7 +241,7 @@ def _of_api(api: Api, verifying: Verifying) -> list[Route]:
             for name, how in verify.items()
         ),
         *(Route(f"/api/{name}", api.answering(do), methods=["POST"]) for name, do in posts.items()),
-        *(Route(f"/api/{name}", api.answering(api.act, name), methods=["POST"]) for name in ACTIONS),
+        *(Route(f"/api/{name}", api.answering(api.act, name), methods=["POST"]) for name in SENT),
     ]
 
 

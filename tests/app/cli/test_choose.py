@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from prefcal_agents.screening.findings import Reason
-from prefcal_app.session import Choice, Phase
+from prefcal_app.session import Choice, Phase, actions
 from prefcal_app.simulating.why import as_shown, why
 from prefcal_env.experiments.experiment import Channels, End, Experiment
 from prefcal_scenarios.catalog import load
@@ -50,7 +50,7 @@ def person(monkeypatch):
                 sides = now.question.left.experiment, now.question.right.experiment
                 seen.extend(dict(e.kpis) | {"row": int(e.theta[0])} for e in sides)
                 left, right = (cost(e.kpis) for e in sides)
-                interview.steps.answer(now.question.id, Choice.LEFT if left < right else Choice.RIGHT)
+                interview.do(actions.Answer(now.question.id, Choice.LEFT if left < right else Choice.RIGHT))
 
         monkeypatch.setattr("prefcal_app.cli.calibrate.converse", converse)
         return seen
@@ -135,7 +135,7 @@ def test_a_study_is_resumed_undone_and_reported_as_others_are(done, refused, per
 
     def undo(interview, console):
         now = until(interview, lambda now: now.question)
-        interview.steps.undo(now.version)
+        interview.do(actions.Undo(now.version))
 
     monkeypatch.setattr("prefcal_app.cli.calibrate.converse", undo)
     done(*choose("runs.csv"))

@@ -8,7 +8,7 @@ import pytest
 
 from prefcal_app.cli.studies.commands import RespaceOptions
 from prefcal_app.cli.studies.files import respace
-from prefcal_app.session import Choice, Interview, Phase
+from prefcal_app.session import Choice, Interview, Phase, actions
 from prefcal_env.errors import StudyError
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.study import StudyFile, export_csv, export_json, import_json, study_path, verify
@@ -114,7 +114,7 @@ def test_an_open_question_stays_open(prefcal, tmp_path):
     path = tmp_path / "mine.prefcal"
     interview = begin(toy_scenario(), n_max=6, path=path)
     asked = proceed(interview).question
-    interview.steps.answer(asked.id, Choice.LEFT)
+    interview.do(actions.Answer(asked.id, Choice.LEFT))
     asked = proceed(interview).question
     theta = asked.challenger.experiment.theta
     interview.file.close()
@@ -123,7 +123,7 @@ def test_an_open_question_stays_open(prefcal, tmp_path):
     now = again.now()
     assert (now.phase, now.question.id) == (Phase.QUESTION, asked.id)
     assert now.question.challenger.experiment.theta.tolist() == theta.tolist()
-    again.steps.answer(now.question.id, Choice.LEFT)
+    again.do(actions.Answer(now.question.id, Choice.LEFT))
     now = proceed(again)
     assert 0.3 <= now.question.challenger.experiment.theta[0] <= 0.4
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from prefcal_agents.screening import findings
-from prefcal_app.session import Choice, Phase
+from prefcal_app.session import Choice, Phase, actions
 from prefcal_app.view import now_view
 from support import unseen as unseen_module
 from support.closing import AnsweringPage
@@ -103,7 +103,7 @@ def test_a_page_that_is_opened_again_shows_what_was_said(tmp_path):
 
     interview = explained(screening(n_max=4, path=tmp_path / "a.prefcal"))
     while interview.now().phase is not Phase.OVER:
-        interview.steps.answer(interview.now().question.id, Choice.LEFT)
+        interview.do(actions.Answer(interview.now().question.id, Choice.LEFT))
         worked(interview)
     said, over = interview.known.findings, now_view(interview)["over"]
     outlook = interview.known.outlook
@@ -116,7 +116,7 @@ def test_a_page_that_is_opened_again_shows_what_was_said(tmp_path):
     assert again.known.findings == said
     assert now_view(again)["over"] == over
     assert len(list(again.file.events())) == events, "it is kept once"
-    again.steps.retract(1)
+    again.do(actions.Retract(1))
     assert again.now().state.concluded is None, "it was true of another record"
     worked(again)
     assert again.now().state.concluded is not None

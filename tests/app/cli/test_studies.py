@@ -10,7 +10,7 @@ import pytest
 
 from prefcal_app.cli import calibrate
 from prefcal_app.report.export import tuning_of
-from prefcal_app.session import Choice
+from prefcal_app.session import Choice, actions
 from prefcal_env.errors import StaleError
 from prefcal_env.study import Led, Noted, StudyFile, Suggested, study_path
 from support.calibrated import calibrated, copied
@@ -195,7 +195,7 @@ def test_a_report_that_cannot_be_written_is_told_in_one_line(prefcal, study, tmp
 def test_a_report_writes_nothing_to_a_study_that_is_being_answered(prefcal, done, tmp_path):
     interview = begin(toy_scenario(), n_max=12, path=tmp_path / "mine.prefcal")
     for _ in range(2):
-        interview.steps.answer(proceed(interview).question.id, Choice.LEFT)
+        interview.do(actions.Answer(proceed(interview).question.id, Choice.LEFT))
     interview.file.append(Noted(f"{interview.now().phase}, and no proposal yet"))
     out = done("report", "./mine.prefcal", "--scenario", TOY, "--json")
     assert json.loads(out)["questions"] == 2

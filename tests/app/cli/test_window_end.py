@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from prefcal_app.session import Phase
+from prefcal_app.session import Phase, actions
 from support.closing import AnsweringPage
 
 SCREENED = (
@@ -40,7 +40,7 @@ class Page(AnsweringPage):
         assert self.interview.known.wait_for_findings(60.0)
         theta = np.array(self.interview.known.screened().bank.thetas[WANTED])
         self.interview.look_at(theta)
-        self.interview.steps.choose(theta, self.interview.now().incumbent)
+        self.interview.do(actions.Choose(theta, self.interview.now().incumbent))
         Page.chosen = self.until(lambda now: now.phase is Phase.OVER).incumbent
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from prefcal_agents import RandomSearch
-from prefcal_app.session import Background, Choice, Phase, runs, unattended
+from prefcal_app.session import Background, Choice, Phase, actions, runs, unattended
 from prefcal_app.view import now_view
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import End
@@ -103,7 +103,7 @@ def test_what_ends_while_a_question_is_open_is_saved_and_asked_about_next(plant)
         plant.end(second)
         until(interview, lambda now: len(now.state.finished) == 3)
         assert interview.now().question is question
-        interview.steps.answer(question.id, Choice.LEFT)
+        interview.do(actions.Answer(question.id, Choice.LEFT))
         now = until(interview, asks)
         assert tuple(now.question.challenger.experiment.theta) == second
         plant.end_all()
@@ -118,7 +118,7 @@ def test_a_study_resumes_with_the_same_pending_experiments(plant, tmp_path):
         for theta in waiting(interview)[2:]:
             plant.end(theta)
         now = until(interview, asks)
-        interview.steps.answer(now.question.id, Choice.RIGHT)
+        interview.do(actions.Answer(now.question.id, Choice.RIGHT))
         until(interview, lambda now: len(waiting(interview)) == 4)
         plant.end_all()
     before, state = waiting(interview), interview.file.state
@@ -129,7 +129,7 @@ def test_a_study_resumes_with_the_same_pending_experiments(plant, tmp_path):
     assert any(isinstance(recorded.event, Taken) for recorded in again.file.events())
     with Background(again):
         while (now := until(again, lambda now: plant.end_all() or settled(now))).question:
-            again.steps.answer(now.question.id, judge(now.question, again.scenario.cost))
+            again.do(actions.Answer(now.question.id, judge(now.question, again.scenario.cost)))
     assert set(before) <= {s.theta for s in again.file.state.history.samples}
     assert again.file.state.history.answered == 9
     again.file.close()
@@ -148,9 +148,9 @@ def test_an_undo_leaves_what_runs_alone_and_drops_what_was_proposed_since(plant)
         plant.end(second)
         now = until(interview, asks)
         challenger = tuple(now.question.challenger.experiment.theta)
-        interview.steps.answer(now.question.id, Choice.LEFT)
+        interview.do(actions.Answer(now.question.id, Choice.LEFT))
         now = until(interview, lambda now: len(waiting(interview)) == 3)
-        interview.steps.undo(now.version)
+        interview.do(actions.Undo(now.version))
         assert waiting(interview)[:2] == [challenger, third]
         now = until(interview, asks)
         assert tuple(now.question.challenger.experiment.theta) == challenger
@@ -169,13 +169,13 @@ def test_a_failed_run_beside_an_open_question_is_shown_when_it_is_due_and_may_ru
         plant.end(third)
         until(interview, lambda now: third not in plant.fails)
         assert interview.now().question is question
-        interview.steps.answer(question.id, Choice.LEFT)
+        interview.do(actions.Answer(question.id, Choice.LEFT))
         now = until(interview, lambda now: now.phase is Phase.FAILED)
         assert "no licence" in now.problem
         assert now.pending.theta == third
-        interview.steps.retry()
+        interview.do(actions.Retry())
         while (now := until(interview, lambda now: plant.end_all() or settled(now))).question:
-            interview.steps.answer(now.question.id, Choice.LEFT)
+            interview.do(actions.Answer(now.question.id, Choice.LEFT))
     assert third in {s.theta for s in now.state.history.samples}
     assert not now.state.failures
 
@@ -193,7 +193,7 @@ def test_a_known_failure_is_taken_by_one_thread_though_another_looks_for_work_at
     while len(tried) < 3:
         assert interview.work()
     question = interview.now().question
-    interview.steps.answer(question.id, Choice.LEFT)
+    interview.do(actions.Answer(question.id, Choice.LEFT))
     assert interview.work()  # it proposes what can run
     jobs = [runs.due(interview._flow, ahead=False) for _ in range(2)]  # before either is done
     assert interview.now().phase is Phase.FAILED

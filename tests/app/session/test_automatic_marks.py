@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from prefcal_agents.lessons import Marks
-from prefcal_app.session import Choice, Phase
+from prefcal_app.session import Choice, Phase, actions
 from prefcal_app.terminal.showing import show_history, show_question
 from prefcal_app.view import history_view, now_view, status_view
 from prefcal_env.experiments.experiment import End
@@ -34,7 +34,7 @@ touchy = replace(toy, run=run)
 
 def answer(interview, choice=Choice.SAME):
     now = proceed(interview)
-    return interview.steps.answer(now.question.id, choice)
+    return interview.do(actions.Answer(now.question.id, choice))
 
 
 def studied(answers=6, **more):
@@ -52,7 +52,7 @@ def test_the_agent_learns_them_and_a_retraction_takes_them_along():
     assert np.flatnonzero(Marks.of(history).unsafe).tolist() == unsafe
     assert interview.now().state.history.unsafe(automatic=True) == set(unsafe)
     last = max(i for i in unsafe if i)
-    interview.steps.retract(last)
+    interview.do(actions.Retract(last))
     assert interview.now().state.history.unsafe(automatic=True) == set(unsafe) - {last}
     assert Marks.of(interview._flow.agent.state.history).unsafe.sum() == len(unsafe) - 1
     assert not interview.past.comparisons()[last].answer.preference
@@ -64,9 +64,9 @@ def test_running_ahead_foresees_them(mark):
     interview = begin(touchy, n_max=5, ahead=True)
     while (now := proceed(interview)).phase is Phase.QUESTION:
         if mark and not (mark == "good enough" and now.question.left.counts_as_unsafe):
-            interview.steps.mark(now.question.id, "left", mark, True)
+            interview.do(actions.Mark(now.question.id, "left", mark, True))
         worked(interview)
-        now = interview.steps.answer(interview.now().question.id, Choice.SAME)
+        now = interview.do(actions.Answer(interview.now().question.id, Choice.SAME))
         assert now.phase is not Phase.RUNNING  # nothing was left to compute
     assert any(c.answer.automatic for c in now.state.history.comparisons)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from prefcal_app.session import Choice, Phase
+from prefcal_app.session import Choice, Phase, actions
 from prefcal_app.view import now_view
 from prefcal_env.errors import ScenarioError, StaleError
 from prefcal_scenarios.scenario import KPI, Scenario
@@ -15,7 +15,7 @@ SCENARIO = Scenario("device", "A device", SPACE, Device())
 
 def confirmed(interview):
     while (now := interview.now()).phase is Phase.CONFIRM:
-        interview.steps.write_and_start(now.pending.index)
+        interview.do(actions.WriteAndStart(now.pending.index))
         assert interview.work()
     return interview.now()
 
@@ -23,7 +23,7 @@ def confirmed(interview):
 def test_each_run_is_confirmed_and_compared():
     interview = begin(SCENARIO, n_max=3)
     with pytest.raises(StaleError, match="is not running"):
-        interview.steps.stop_run(0)
+        interview.do(actions.StopRun(0))
     view = now_view(interview)
     assert view["live"]["changes"][0]["old"] == "unknown"
     assert view["live"]["instructions"] == "Is the tank closed?"
@@ -32,16 +32,16 @@ def test_each_run_is_confirmed_and_compared():
     for _ in range(2):
         question = confirmed(interview).question
         assert question.left.experiment.kpis["integrated error of level"] > 0
-        interview.steps.answer(question.id, Choice.LEFT)
+        interview.do(actions.Answer(question.id, Choice.LEFT))
         worked(interview)
     assert interview.now().phase is Phase.OVER
 
 
 def test_a_run_that_cannot_be_stopped_says_so():
     interview = begin(SCENARIO)
-    interview.steps.write_and_start(0)
+    interview.do(actions.WriteAndStart(0))
     with pytest.raises(ScenarioError, match="cannot be stopped from here"):
-        interview.steps.stop_run(0)
+        interview.do(actions.StopRun(0))
     assert interview.work()
 
 
@@ -63,7 +63,7 @@ def test_a_look_that_fails_is_shown_and_can_be_tried_again():
     assert interview.work()
     assert interview.now().phase is Phase.FAILED
     assert "ZeroDivisionError" in interview.now().problem
-    assert interview.steps.retry().phase is Phase.RUNNING
+    assert interview.do(actions.Retry()).phase is Phase.RUNNING
 
 
 def test_nothing_is_confirmed_before_the_old_values_are_back():
@@ -75,7 +75,7 @@ def test_nothing_is_confirmed_before_the_old_values_are_back():
 
     interview = begin(Scenario("device", "A device", SPACE, Unrestored()))
     with pytest.raises(StaleError, match="not known yet"):
-        interview.steps.write_and_start(0)
+        interview.do(actions.WriteAndStart(0))
     assert not interview.drives
 
 

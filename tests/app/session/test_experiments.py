@@ -4,7 +4,7 @@ import gc
 
 import pytest
 
-from prefcal_app.session import Choice, Interview, study
+from prefcal_app.session import Choice, Interview, actions, study
 from prefcal_app.view import Seen
 from prefcal_app.view import question as seen_module
 from prefcal_env.errors import StudyError
@@ -19,8 +19,8 @@ def path(tmp_path_factory):
     path = tmp_path_factory.mktemp("studies") / "long.prefcal"
     interview = begin(toy_scenario(), n_max=12, path=path)
     answer_all(interview, lambda number: None)
-    interview.steps.go_on(1)
-    interview.steps.answer(proceed(interview).question.id, Choice.LEFT)
+    interview.do(actions.GoOn(1))
+    interview.do(actions.Answer(proceed(interview).question.id, Choice.LEFT))
     interview.file.close()
     return path
 

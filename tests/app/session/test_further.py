@@ -3,6 +3,7 @@
 import pytest
 
 from prefcal_agents.lessons import Preferences
+from prefcal_app.session import actions
 from prefcal_env.errors import StaleError, StudyError
 from prefcal_env.study import Answered, Shown, StudyFile
 from support.interviews import THREE, begin, judge, proceed, reopened, until_further
@@ -15,21 +16,21 @@ def test_it_is_saved_resumed_undone_and_retracted(toy, tmp_path):
     interview.file.close()
     interview = reopened(toy, path)
     assert interview.now().question == question
-    interview.steps.answer(question.id, judge(question, toy.cost), comment="so")
+    interview.do(actions.Answer(question.id, judge(question, toy.cost), comment="so"))
     after = proceed(interview)
     assert after.state.history.follow_ups[0].comment == "so"
     assert after.state.history.follow_ups[0].after == after.state.history.answered
-    undone = interview.steps.undo(after.version)
+    undone = interview.do(actions.Undo(after.version))
     assert not undone.state.history.follow_ups
     again = proceed(interview).question
     assert (again.left.index, again.right.index) == (question.left.index, question.right.index)
-    interview.steps.answer(again.id, judge(again, toy.cost))
-    interview.steps.retract(-1)
+    interview.do(actions.Answer(again.id, judge(again, toy.cost)))
+    interview.do(actions.Retract(-1))
     assert interview.now().state.history.follow_ups[0].retracted
     with pytest.raises(StaleError, match="retracted already"):
-        interview.steps.retract(-1)
+        interview.do(actions.Retract(-1))
     with pytest.raises(StaleError, match="no answer to a follow-up comparison 2"):
-        interview.steps.retract(-2)
+        interview.do(actions.Retract(-2))
     interview.file.close()
     resumed = reopened(toy, path)
     assert resumed.now().state.history.follow_ups[0].retracted
@@ -58,11 +59,11 @@ def test_a_question_that_a_newer_algorithm_would_not_ask_is_replaced(toy, tmp_pa
 def test_a_retraction_leaves_an_open_further_question_consistent(toy):
     interview = begin(toy, n_max=8, agent=THREE)
     until_further(interview)
-    interview.steps.retract(1)
+    interview.do(actions.Retract(1))
     now = proceed(interview)
     asked = interview._flow.agent.ask()
     assert now.question.challenger.index == asked.challenger.index
-    interview.steps.answer(now.question.id, judge(now.question, toy.cost))
+    interview.do(actions.Answer(now.question.id, judge(now.question, toy.cost)))
     assert proceed(interview).question is not None
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from prefcal_agents import GLIS, GLISp
-from prefcal_app.session import Choice, Phase, unattended
+from prefcal_app.session import Choice, Phase, actions, unattended
 from prefcal_env.errors import StaleError, StudyError
 from prefcal_env.preferences.answer import Mark, Preference
 from prefcal_env.study import Answered, StudyFile
@@ -32,13 +32,13 @@ def judge(question):
 
 def answer(interview, choice=None):
     now = proceed(interview)
-    return interview.steps.answer(now.question.id, choice or judge(now.question))
+    return interview.do(actions.Answer(now.question.id, choice or judge(now.question)))
 
 
 @pytest.mark.parametrize("choice", Choice)
 def test_a_choice_by_side_becomes_the_preference_it_means(interview, choice):
     question = proceed(interview).question
-    interview.steps.answer(question.id, choice, comment="so", blind=True)
+    interview.do(actions.Answer(question.id, choice, comment="so", blind=True))
     closed = interview.now().state.history.comparisons[1]
     expected = {SAME: Preference.TIE, CANNOT_TELL: None}
     side = question.left if choice is LEFT else question.right
@@ -53,7 +53,7 @@ def test_the_sides_are_randomized_recorded_and_the_same_again(toy):
     for _ in range(2):
         interview = begin(toy, n_max=12)
         while (now := proceed(interview)).phase is Phase.QUESTION:
-            interview.steps.answer(now.question.id, judge(now.question))
+            interview.do(actions.Answer(now.question.id, judge(now.question)))
         sides.append([c.challenger_left for c in interview.now().state.history.comparisons[1:]])
     assert sides[0] == sides[1]
     assert {True, False} == set(sides[0])
@@ -61,10 +61,10 @@ def test_the_sides_are_randomized_recorded_and_the_same_again(toy):
 
 def test_an_answer_to_a_question_that_is_no_longer_open_changes_nothing(interview):
     first = proceed(interview).question
-    interview.steps.answer(first.id, LEFT)
+    interview.do(actions.Answer(first.id, LEFT))
     before = interview.now().state
     with pytest.raises(StaleError, match="no longer open"):
-        interview.steps.answer(first.id, RIGHT)
+        interview.do(actions.Answer(first.id, RIGHT))
     assert interview.now().state == before
 
 
@@ -75,7 +75,7 @@ def test_two_tabs_answer_at_once_and_one_of_them_is_told(interview):
     def tab():
         barrier.wait()
         try:
-            interview.steps.answer(question.id, LEFT)
+            interview.do(actions.Answer(question.id, LEFT))
             outcomes.append("recorded")
         except StaleError:
             outcomes.append("told")
@@ -93,13 +93,13 @@ def test_marks_stay_with_the_experiment_and_go_into_the_answer(interview):
     question = proceed(interview).question
     side = "left" if question.left.challenger else "right"
     for mark, on in [("good enough", True), ("unsafe", True), ("good enough", True)]:
-        now = interview.steps.mark(question.id, side, mark, on)
+        now = interview.do(actions.Mark(question.id, side, mark, on))
         assert now.question.challenger.marks == {mark}  # one takes the other away
-    now = interview.steps.mark(question.id, side, "good enough", False)
+    now = interview.do(actions.Mark(question.id, side, "good enough", False))
     assert now.question.challenger.marks == frozenset()
-    interview.steps.mark(question.id, side, "unsafe", True)
+    interview.do(actions.Mark(question.id, side, "unsafe", True))
     assert now.question.id == question.id
-    interview.steps.answer(question.id, LEFT)
+    interview.do(actions.Answer(question.id, LEFT))
     assert interview.now().state.history.comparisons[1].answer.marks == (Mark.CHALLENGER_UNSAFE,)
     assert interview.now().state.marks[1] == {"unsafe"}
 
@@ -107,14 +107,14 @@ def test_marks_stay_with_the_experiment_and_go_into_the_answer(interview):
 def test_a_mark_that_does_not_exist_is_refused(interview):
     question = proceed(interview).question
     with pytest.raises(StudyError, match="a mark is one of"):
-        interview.steps.mark(question.id, "left", "lovely", True)
+        interview.do(actions.Mark(question.id, "left", "lovely", True))
 
 
 def test_undo_opens_the_same_question_again_with_the_same_sides(interview):
     first = proceed(interview).question
     answer(interview)
     proceed(interview)
-    interview.steps.undo(interview.now().version)
+    interview.do(actions.Undo(interview.now().version))
     again = proceed(interview).question
     assert again.id != first.id
     assert (again.left.index, again.right.index) == (first.left.index, first.right.index)
@@ -127,7 +127,7 @@ def test_a_late_undo_from_another_tab_takes_nothing_back(interview):
     answer(interview)
     proceed(interview)
     with pytest.raises(StaleError, match="since you looked"):
-        interview.steps.undo(seen)
+        interview.do(actions.Undo(seen))
 
 
 def test_a_retracted_answer_stays_on_record_and_teaches_nothing(interview):
@@ -135,20 +135,20 @@ def test_a_retracted_answer_stays_on_record_and_teaches_nothing(interview):
         answer(interview)
     proceed(interview)
     before = interview.now()
-    interview.steps.retract(1)
+    interview.do(actions.Retract(1))
     now = interview.now()
     assert now.state.history.comparisons[1].retracted
     assert [s.theta for s in now.state.history.samples] == [s.theta for s in before.state.history.samples]
     with pytest.raises(StaleError, match="retracted already"):
-        interview.steps.retract(1)
+        interview.do(actions.Retract(1))
     assert interview.past.comparisons()[1].answer.preference is None
 
 
 def test_a_retraction_changes_the_incumbent_of_the_open_question(interview):
     question = proceed(interview).question
-    interview.steps.answer(question.id, LEFT if question.left.challenger else RIGHT)
+    interview.do(actions.Answer(question.id, LEFT if question.left.challenger else RIGHT))
     assert proceed(interview).question.incumbent.index == 1
-    interview.steps.retract(1)
+    interview.do(actions.Retract(1))
     assert proceed(interview).question.incumbent.index == 0
 
 
@@ -157,22 +157,22 @@ def test_there_is_no_such_answer_to_retract(interview, number):
     answer(interview)
     proceed(interview)
     with pytest.raises(StaleError, match=r"there is no answer"):
-        interview.steps.retract(number)
+        interview.do(actions.Retract(number))
 
 
 def test_a_repeated_question_swaps_the_sides_and_teaches_nothing(interview):
     first = proceed(interview).question
-    interview.steps.answer(first.id, LEFT)
+    interview.do(actions.Answer(first.id, LEFT))
     for _ in range(3):
         answer(interview)
     open_before = proceed(interview).question
-    interview.steps.repeat()
+    interview.do(actions.Repeat())
     again = interview.now().question
     original = interview.past.asked(again.challenger.index)
     assert again.repeats == original.id
     assert (again.left.index, again.right.index) == (original.right.index, original.left.index)
     closed = interview.now().state.history.answered
-    interview.steps.answer(again.id, again.choice(original.preference(judge(original))))
+    interview.do(actions.Answer(again.id, again.choice(original.preference(judge(original)))))
     now = proceed(interview)
     assert now.state.history.answered == closed
     assert now.question.challenger.index == open_before.challenger.index
@@ -186,8 +186,8 @@ def test_the_study_is_over_when_all_is_compared_and_can_be_given_more(interview)
     assert (now.phase, now.state.ended) == (Phase.OVER, "all compared")
     assert now.state.history.answered == 6
     with pytest.raises(StaleError, match="say how many more"):
-        interview.steps.go_on()
-    interview.steps.go_on(2)
+        interview.do(actions.GoOn())
+    interview.do(actions.GoOn(2))
     for _ in range(2):
         answer(interview)
     assert proceed(interview).phase is Phase.OVER
@@ -196,16 +196,16 @@ def test_the_study_is_over_when_all_is_compared_and_can_be_given_more(interview)
 
 def test_a_person_ends_it_because_the_best_is_good_enough(interview):
     question = proceed(interview).question
-    interview.steps.mark(question.id, "left", "good enough", True)
-    interview.steps.answer(question.id, LEFT)
+    interview.do(actions.Mark(question.id, "left", "good enough", True))
+    interview.do(actions.Answer(question.id, LEFT))
     proceed(interview)
-    interview.steps.finish()
+    interview.do(actions.Finish())
     assert interview.now().state.ended == "good enough"
-    interview.steps.go_on()
+    interview.do(actions.GoOn())
     assert proceed(interview).phase is Phase.QUESTION
-    interview.steps.finish()
+    interview.do(actions.Finish())
     with pytest.raises(StaleError, match="ended already"):
-        interview.steps.finish()
+        interview.do(actions.Finish())
 
 
 def test_a_run_that_raises_is_shown_tried_again_or_counted_as_failed(toy):
@@ -221,12 +221,12 @@ def test_a_run_that_raises_is_shown_tried_again_or_counted_as_failed(toy):
     assert now.phase is Phase.FAILED
     assert "the pump does not answer" in now.problem
     broken[0] = False
-    interview.steps.retry()
+    interview.do(actions.Retry())
     assert proceed(interview).phase is Phase.QUESTION
     broken[0] = True
     answer(interview)
     assert proceed(interview).phase is Phase.FAILED
-    interview.steps.fail(2, "pump")
+    interview.do(actions.Fail(2, "pump"))
     now = interview.now()
     assert now.question.challenger.experiment.end.interrupted
     assert len(now.question.challenger.experiment.t) == 0
@@ -262,7 +262,7 @@ def test_running_ahead_changes_nothing_but_the_waiting(toy, agent):
         thetas = []
         while (now := proceed(interview)).phase is Phase.QUESTION:
             worked(interview)
-            now = interview.steps.answer(now.question.id, judge(now.question))
+            now = interview.do(actions.Answer(now.question.id, judge(now.question)))
             if ahead and now.phase is not Phase.OVER:
                 assert now.phase is Phase.QUESTION  # nothing was left to compute
             thetas.append(proceed(interview).state.history.samples[-1].theta)
@@ -280,12 +280,12 @@ def test_a_full_disk_after_an_answer_is_a_problem_to_be_tried_again(interview, m
         return append(self, *events)
 
     monkeypatch.setattr(StudyFile, "append", full)
-    interview.steps.answer(question.id, LEFT)
+    interview.do(actions.Answer(question.id, LEFT))
     now = proceed(interview)
     assert (now.phase, now.problem) == (Phase.FAILED, "the disk is full")
     assert now.state.history.answered == 2
     monkeypatch.undo()
-    interview.steps.retry()
+    interview.do(actions.Retry())
     assert proceed(interview).phase is Phase.QUESTION
 
 
@@ -297,10 +297,10 @@ def test_a_full_disk_at_an_answer_leaves_the_question_open(interview, monkeypatc
 
     monkeypatch.setattr(StudyFile, "append", full)
     with pytest.raises(StudyError, match="the disk is full"):
-        interview.steps.answer(question.id, LEFT)
+        interview.do(actions.Answer(question.id, LEFT))
     assert interview.now().question.id == question.id
     monkeypatch.undo()
-    interview.steps.answer(question.id, LEFT)
+    interview.do(actions.Answer(question.id, LEFT))
     assert interview.now().state.history.answered == 2
 
 
@@ -327,7 +327,7 @@ def test_a_run_without_a_record_has_no_score_and_loses(toy):
     while interview.now().phase is not Phase.OVER:
         now = proceed(interview)
         if now.phase is Phase.FAILED:
-            interview.steps.fail(now.pending.index)
+            interview.do(actions.Fail(now.pending.index))
     state = interview.now().state
     scores = [c.answer.value for c in state.history.comparisons]
     assert None in scores
@@ -361,25 +361,25 @@ def test_without_a_person_a_theta_whose_run_raises_has_failed_and_the_study_goes
 def test_every_verdict_is_foreseen(toy, choice):
     interview = begin(toy, n_max=9, ahead=True)
     question = worked(interview).question
-    answered = interview.steps.answer(question.id, choice)
+    answered = interview.do(actions.Answer(question.id, choice))
     assert answered.phase is Phase.QUESTION  # nothing had to be computed first
 
 
 def test_the_comment_comes_back_with_the_answer_that_is_taken_back(interview):
     question = proceed(interview).question
-    assert interview.steps.answer(question.id, Choice.LEFT, comment="it swings").draft == ""
-    now = interview.steps.undo(proceed(interview).version)
+    assert interview.do(actions.Answer(question.id, Choice.LEFT, comment="it swings")).draft == ""
+    now = interview.do(actions.Undo(proceed(interview).version))
     assert now.draft == "it swings"
-    assert interview.steps.answer(now.question.id, Choice.LEFT).draft == ""
+    assert interview.do(actions.Answer(now.question.id, Choice.LEFT)).draft == ""
 
 
 def test_a_question_that_is_asked_again_is_skipped_without_a_trace(interview):
     for _ in range(2):
-        interview.steps.answer(proceed(interview).question.id, Choice.LEFT)
+        interview.do(actions.Answer(proceed(interview).question.id, Choice.LEFT))
     before = proceed(interview)
-    now = interview.steps.repeat()
+    now = interview.do(actions.Repeat())
     assert now.question.repeats is not None
-    after = interview.steps.undo(now.version)
+    after = interview.do(actions.Undo(now.version))
     sides = {after.question.left.index, after.question.right.index}
     assert sides == {before.question.left.index, before.question.right.index}
     assert after.question.repeats is None

@@ -2,16 +2,15 @@
 
 import pytest
 
-from prefcal_agents import GLIS, RandomSearch
-from prefcal_app.session import Phase
+from prefcal_app.session import Phase, actions
 from prefcal_app.session.study import agent_of, questions_of
-from prefcal_env.errors import SettingsError, StaleError, StudyError
+from prefcal_env.errors import StaleError, StudyError
 from support.interviews import THREE, begin, judge, proceed, reopened, until_further
 
 
 def answer(interview):
     now = proceed(interview)
-    interview.steps.answer(now.question.id, judge(now.question, interview.scenario.cost))
+    interview.do(actions.Answer(now.question.id, judge(now.question, interview.scenario.cost)))
     return proceed(interview)
 
 
@@ -22,13 +21,13 @@ def pair(question):
 def test_an_open_further_question_disappears_when_there_are_to_be_fewer(toy):
     interview = begin(toy, n_max=8, agent=THREE)
     question = until_further(interview)
-    assert interview.steps.pace(2).question.id == question.id
-    interview.steps.pace(1)
+    assert interview.do(actions.Pace(2)).question.id == question.id
+    interview.do(actions.Pace(1))
     now = proceed(interview)
     assert not now.question.further
     assert now.question.challenger.index == question.challenger.index + 1
     with pytest.raises(StaleError):
-        interview.steps.answer(question.id, judge(question, toy.cost))
+        interview.do(actions.Answer(question.id, judge(question, toy.cost)))
     while answer(interview).phase is not Phase.OVER:
         pass
     assert not interview.now().state.history.follow_ups
@@ -40,7 +39,7 @@ def test_a_study_resumes_identically_after_each_change(toy, tmp_path, most):
     path = tmp_path / "paced.prefcal"
     interview = begin(toy, n_max=9, agent=THREE, path=path)
     until_further(interview)
-    interview.steps.pace(most)
+    interview.do(actions.Pace(most))
     asked = []
     while (now := proceed(interview)).phase is Phase.QUESTION:
         twin = agent_of(now.state, toy.space)
@@ -67,27 +66,6 @@ def test_a_change_before_a_crash_leaves_no_question_that_is_not_asked(toy, tmp_p
     interview.file.close()
     resumed = reopened(toy, path)
     assert not proceed(resumed).question.further
-
-
-@pytest.mark.parametrize("agent", [RandomSearch, GLIS])
-def test_an_agent_that_asks_one_refuses(toy, agent):
-    interview = begin(toy, agent=agent)
-    proceed(interview)
-    assert interview.known.questions is None
-    with pytest.raises(SettingsError, match="only the agent glisp"):
-        interview.steps.pace(2)
-
-
-def test_while_something_has_failed_it_has_to_wait(toy):
-    from dataclasses import replace
-
-    def broken(theta, seed=0):
-        raise RuntimeError("the pump is off")
-
-    interview = begin(replace(toy, run=broken), agent=THREE)
-    assert proceed(interview).phase is Phase.FAILED
-    with pytest.raises(StaleError, match="try it again first"):
-        interview.steps.pace(1)
 
 
 @pytest.mark.parametrize(("settings", "most"), [({}, 1), ({"questions_per_experiment": 4}, 4), (None, 1)])

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from prefcal_app.session import Choice, Given, Phase
+from prefcal_app.session import Choice, Phase, actions
 from prefcal_app.summary import foreseen
 from prefcal_app.view import now_view, status_view
 from prefcal_env.errors import RecordError, StaleError
@@ -30,13 +30,13 @@ RIG = replace(
 def interview(tmp_path):
     """The first experiment is recorded, the second one is waited for."""
     interview = begin(RIG, path=tmp_path / "rig.prefcal")
-    interview.steps.record(Given(0, csv(8.0)))
+    interview.do(actions.Record(0, csv(8.0)))
     return interview
 
 
 def test_a_preview_shows_the_curves_and_saves_nothing(interview):
     before = interview.now()
-    seen = interview.preview(Given(1, csv(9.0), unsafe=True))
+    seen = interview.preview(actions.Record(1, csv(9.0), unsafe=True))
     assert seen.experiment.x.max() == 9.0
     assert seen.experiment.end.interrupted
     assert (seen.same, seen.retracts) == (None, 0)
@@ -46,21 +46,21 @@ def test_a_preview_shows_the_curves_and_saves_nothing(interview):
 def test_the_file_of_the_run_before_is_refused_unless_it_is_meant(interview):
     saved_anew = csv(8.0).replace(b",", b";")
     for content in (csv(8.0), saved_anew):
-        assert interview.preview(Given(1, content)).same == 0
+        assert interview.preview(actions.Record(1, content)).same == 0
         with pytest.raises(RecordError, match="curves of experiment 1"):
-            interview.steps.record(Given(1, content))
+            interview.do(actions.Record(1, content))
     assert sorted(interview.now().state.finished) == [0]
-    assert interview.steps.record(Given(1, csv(8.0), again=True)).phase is Phase.QUESTION
+    assert interview.do(actions.Record(1, csv(8.0), again=True)).phase is Phase.QUESTION
 
 
 def test_the_theta_that_was_dialed_is_learned_from_and_the_proposed_one_kept(interview, tmp_path):
     proposed = interview.now().pending.theta
     dialed = (1.07, 20.0, proposed[2])
-    now = interview.steps.record(Given(1, csv(9.0), theta=dialed))
+    now = interview.do(actions.Record(1, csv(9.0), theta=dialed))
     assert now.state.history.samples[1].theta == pytest.approx(dialed)
     assert now.state.proposed == {1: proposed}
     assert interview.past.experiment(1).theta == pytest.approx(dialed)
-    interview.steps.answer(now.question.id, Choice.LEFT)
+    interview.do(actions.Answer(now.question.id, Choice.LEFT))
     while interview.now().phase is Phase.RUNNING:
         interview.work()
     following = interview.now()
@@ -84,32 +84,32 @@ def test_the_theta_that_was_dialed_is_learned_from_and_the_proposed_one_kept(int
 )
 def test_a_theta_that_cannot_be_learned_from_is_refused(interview, theta, told):
     with pytest.raises(RecordError, match=told):
-        interview.steps.record(Given(1, csv(9.0), theta=theta))
+        interview.do(actions.Record(1, csv(9.0), theta=theta))
     assert interview.now().phase is Phase.RECORD
 
 
 def test_no_theta_runs_twice_by_hand_either(interview):
     first = interview.now().state.history.samples[0].theta
     with pytest.raises(RecordError, match="experiment 1 was run with exactly the θ"):
-        interview.steps.record(Given(1, csv(9.0), theta=first))
+        interview.do(actions.Record(1, csv(9.0), theta=first))
 
 
 def test_a_record_that_is_not_answered_yet_is_replaced_and_its_question_put_anew(interview):
-    asked = interview.steps.record(Given(1, csv(9.0))).question
-    now = interview.steps.record(Given(1, csv(7.5), theta=(0.5, 20.0, 1.0)))
+    asked = interview.do(actions.Record(1, csv(9.0))).question
+    now = interview.do(actions.Record(1, csv(7.5), theta=(0.5, 20.0, 1.0)))
     with pytest.raises(StaleError):
-        interview.steps.answer(asked.id, Choice.LEFT)
+        interview.do(actions.Answer(asked.id, Choice.LEFT))
     assert now.question.challenger.experiment.x.max() == 7.5
     assert now.state.history.samples[1].theta == pytest.approx((0.5, 20.0, 1.0))
 
 
 def test_replacing_a_compared_record_retracts_its_answers_and_corrects_its_kpis(interview):
-    asked = interview.steps.record(Given(1, csv(9.0), unsafe=True)).question
-    interview.steps.answer(asked.id, asked.choice(asked.preference(Choice.LEFT)))
+    asked = interview.do(actions.Record(1, csv(9.0), unsafe=True)).question
+    interview.do(actions.Answer(asked.id, asked.choice(asked.preference(Choice.LEFT))))
     while interview.now().phase is Phase.RUNNING:
         interview.work()
-    assert interview.preview(Given(1, csv(7.5))).retracts == 1
-    now = interview.steps.record(Given(1, csv(7.5)))
+    assert interview.preview(actions.Record(1, csv(7.5))).retracts == 1
+    now = interview.do(actions.Record(1, csv(7.5)))
     closed = now.state.history.comparisons[1]
     assert now.phase is Phase.RECORD
     assert closed.retracted
@@ -118,7 +118,7 @@ def test_replacing_a_compared_record_retracts_its_answers_and_corrects_its_kpis(
     history = interview._flow.agent.state.history
     assert [history.kpis.outcome(row)["highest"] for row in (0, 1)] == [8.0, 7.5]
     with pytest.raises(RecordError, match="compared already"):
-        interview.steps.record(Given(1, csv(6.0), theta=(0.5, 20.0, 1.0)))
+        interview.do(actions.Record(1, csv(6.0), theta=(0.5, 20.0, 1.0)))
 
 
 def answered(interview, count):
@@ -127,14 +127,14 @@ def answered(interview, count):
         now = interview.now()
         if now.question is not None:
             better = now.question.left.index > now.question.right.index
-            now = interview.steps.answer(now.question.id, Choice.LEFT if better else Choice.RIGHT)
+            now = interview.do(actions.Answer(now.question.id, Choice.LEFT if better else Choice.RIGHT))
         elif now.phase is Phase.RUNNING:
             interview.work()
         elif len(now.state.history.lessons()) == count:
             return
         else:
             index = now.pending.index
-            interview.steps.record(Given(index, csv(9.0 - 0.1 * index)))
+            interview.do(actions.Record(index, csv(9.0 - 0.1 * index)))
 
 
 def test_before_a_run_it_is_said_what_it_can_bring_and_after_it_what_was_said(tmp_path):
@@ -147,7 +147,7 @@ def test_before_a_run_it_is_said_what_it_can_bring_and_after_it_what_was_said(tm
     assert f"experiment {index + 1} is noticeably better" in said
     assert now_view(interview)["pending"]["promise"] == said
     assert said[1:] in " ".join(status_view(interview)["outlook"]["sentences"])
-    now = interview.steps.record(Given(index, csv(5.0)))
+    now = interview.do(actions.Record(index, csv(5.0)))
     assert now.question is not None
     assert now_view(interview)["pending"]["promise"] == ""  # it must not sway the answer
     assert said[1:] in " ".join(status_view(interview)["outlook"]["sentences"])
@@ -159,7 +159,7 @@ def test_a_page_waits_for_nothing_that_would_have_to_be_learned_again(tmp_path):
     said = interview.known.promise
     interview.file.close()
     again = reopened(RIG, tmp_path / "rig.prefcal")
-    again._guarded.has_background = True  # as with a page
+    again._flow.has_background = True  # as with a page
     assert again.known.promise == ""
     assert again.known.foresight(learn=True) is not None
     assert again.known.promise == said

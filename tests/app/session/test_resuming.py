@@ -1,6 +1,6 @@
 """What a study that was cut off at an unlucky instant asks when it is taken up again."""
 
-from prefcal_app.session import Choice
+from prefcal_app.session import Choice, actions
 from prefcal_env.study import Retracted
 from support.interviews import begin, proceed, reopened
 from toy_study import toy_scenario
@@ -10,7 +10,7 @@ def test_a_retraction_that_was_cut_off_asks_about_the_incumbent_that_stands(tmp_
     path = tmp_path / "mine.prefcal"
     interview = begin(toy_scenario(), path=path)
     first = proceed(interview).question
-    interview.steps.answer(first.id, Choice.LEFT if first.left.challenger else Choice.RIGHT)
+    interview.do(actions.Answer(first.id, Choice.LEFT if first.left.challenger else Choice.RIGHT))
     assert proceed(interview).question.incumbent.index == 1
     interview.file.append(Retracted(1))  # and killed before the next question
     interview.file.close()

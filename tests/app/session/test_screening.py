@@ -8,12 +8,12 @@ from functools import partial
 import pytest
 
 from prefcal_agents.screening.agent import Screening
-from prefcal_app.session import Background, Choice, Interview, Phase
+from prefcal_app.session import Background, Choice, Interview, Phase, actions
 from prefcal_app.session.flow import LIKELIEST
 from prefcal_app.simulating import Simulator
 from prefcal_app.summary import others_unbeaten
 from prefcal_app.view.end import why_view
-from prefcal_env.errors import ScenarioError, StaleError
+from prefcal_env.errors import ScenarioError
 from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_env.study import StudyFile
 from support.interviews import answer_all, begin, clock, judge, proceed, reopened, worked
@@ -51,7 +51,7 @@ def test_a_study_without_prefetching_is_the_same_as_one_with_it():
         assert asked(now)[1:] == asked(same)[1:]
         assert now.simulated.simulated == same.simulated.simulated
         for interview, there in ((plain, now), (ahead, same)):
-            interview.steps.answer(there.question.id, judge(there.question, cost))
+            interview.do(actions.Answer(there.question.id, judge(there.question, cost)))
         now, same = proceed(plain), worked(ahead)
     assert same.phase is Phase.OVER
     assert now.state.history == same.state.history
@@ -61,7 +61,7 @@ def test_the_likeliest_answers_are_prepared_and_followed_by_the_next_question_wi
     interview = started(ahead=True)
     now = worked(interview)
     assert len(interview._flow.thoughts.prefetch._screened) == LIKELIEST
-    now = interview.steps.answer(now.question.id, Choice.LEFT)
+    now = interview.do(actions.Answer(now.question.id, Choice.LEFT))
     assert now.phase is Phase.QUESTION
     assert interview.known.screened() is not None
 
@@ -71,7 +71,7 @@ def test_a_restarted_study_asks_the_identical_question_at_once(tmp_path):
     interview = started(path)
     for _ in range(2):
         now = proceed(interview)
-        interview.steps.answer(now.question.id, judge(now.question, cost))
+        interview.do(actions.Answer(now.question.id, judge(now.question, cost)))
     now = proceed(interview)
     before = asked(now), interview.known.screened()
     interview.file.close()
@@ -103,7 +103,7 @@ def test_what_the_agent_holds_for_the_best_is_the_best_of_the_record_too(tmp_pat
         assert ("probably a slip" in why_view(interview, now)) == held
         meant = judge(now.question, cost)
         slip = now.state.history.answered in (4, 7)
-        interview.steps.answer(now.question.id, OPPOSITE[meant] if slip else meant)
+        interview.do(actions.Answer(now.question.id, OPPOSITE[meant] if slip else meant))
         now = proceed(interview)
     assert leads >= 1
     assert now.incumbent != now.state.history.by_answers
@@ -119,7 +119,7 @@ def judged_often(interview, answers=5):
     """Enough answers for the agent to hold another one than the winner for the best."""
     for _ in range(answers):
         now = proceed(interview)
-        interview.steps.answer(now.question.id, judge(now.question, cost))
+        interview.do(actions.Answer(now.question.id, judge(now.question, cost)))
     proceed(interview)
     return interview
 
@@ -129,11 +129,11 @@ def test_nothing_is_simulated_for_a_retraction_or_an_answer_after_a_restart(tmp_
     path = tmp_path / "mine.prefcal"
     interview = judged_often(started(path, n_max=9))
     count = interview._flow.thoughts.simulator.count
-    assert interview.steps.retract(3).phase is Phase.QUESTION
+    assert interview.do(actions.Retract(3)).phase is Phase.QUESTION
     assert interview._flow.thoughts.simulator.count == count
     interview.file.close()
     again = reopened(unseen, path)
-    again.steps.answer(again.now().question.id, Choice.LEFT)
+    again.do(actions.Answer(again.now().question.id, Choice.LEFT))
     assert again.now().phase is Phase.RUNNING
     assert again._flow.thoughts.simulator.count == 0
 
@@ -147,18 +147,10 @@ def test_an_answer_is_about_the_pair_on_show_though_the_agent_would_now_show_ano
     interview.file.close()
     monkeypatch.setattr(Screening, "_leader", lambda self, history: int(rival == 0))
     again = reopened(unseen, path)
-    again.steps.answer(again.now().question.id, Choice.LEFT)
+    again.do(actions.Answer(again.now().question.id, Choice.LEFT))
     told = again._flow.agent.history.comparisons[-1]
     assert told.incumbent == again.file.state.history.comparisons[-1].incumbent == rival
     assert proceed(again).question.incumbent.index == int(rival == 0)
-
-
-def test_an_answer_is_not_retracted_while_the_next_experiment_is_chosen():
-    interview = started()
-    now = proceed(interview)
-    interview.steps.answer(now.question.id, Choice.LEFT)
-    with pytest.raises(StaleError, match="being chosen"):
-        interview.steps.retract(1)
 
 
 class Slow:
@@ -223,7 +215,7 @@ def held(slow, tmp_path):
 
 def test_an_answer_does_not_wait_for_simulations_for_another_answer(held):
     interview, go_on = held
-    interview.steps.give(interview.now().question.id, Answer(Preference.INCUMBENT))
+    interview.do(actions.Give(interview.now().question.id, Answer(Preference.INCUMBENT)))
     go_on()
     assert interview._flow.thoughts.simulator.count <= 1  # the one that was running
     assert interview.now().phase is Phase.RUNNING
@@ -232,7 +224,7 @@ def test_an_answer_does_not_wait_for_simulations_for_another_answer(held):
 
 def test_simulations_for_the_answer_that_is_given_are_used(held):
     interview, go_on = held
-    interview.steps.give(interview.now().question.id, Answer(Preference.CHALLENGER))
+    interview.do(actions.Give(interview.now().question.id, Answer(Preference.CHALLENGER)))
     go_on()
     assert interview._flow.thoughts.simulator.count > 1
     assert not interview._flow.study.must_think
@@ -284,7 +276,7 @@ def test_it_ends_when_the_agent_has_enough_and_goes_on_with_the_same_questions(e
     assert shown(early) == shown(whole)[:4]
     assert early.known.screened() is not None, "what it ended by is known"
     assert early.known.outlook is not None
-    early.steps.go_on()
+    early.do(actions.GoOn())
     answer_all(early, lambda number: None)
     assert early.now().state.ended == "all compared", "it does not end early again"
     assert shown(early) == shown(whole)
@@ -294,11 +286,11 @@ def test_an_undo_after_such_an_end_opens_its_last_question_again(enough, tmp_pat
     interview = started(tmp_path / "a.prefcal", n_max=7, stops=True)
     answer_all(interview, lambda number: None)
     last = shown(interview)[-1]
-    interview.steps.undo(interview.now().version)
+    interview.do(actions.Undo(interview.now().version))
     now = proceed(interview)
     assert now.phase is Phase.QUESTION
     assert tuple(now.question.challenger.experiment.theta) == last
-    interview.steps.answer(now.question.id, judge(now.question, cost))
+    interview.do(actions.Answer(now.question.id, judge(now.question, cost)))
     assert proceed(interview).state.ended == "little is left to gain"
     interview.file.close()
     assert reopened(unseen, tmp_path / "a.prefcal").now().phase is Phase.OVER
@@ -309,7 +301,7 @@ def test_an_open_question_stays_open_though_the_agent_has_enough(monkeypatch):
     question = proceed(interview).question
     monkeypatch.setattr(Screening, "has_enough", lambda agent, history: True)
     assert proceed(interview).question == question
-    interview.steps.answer(question.id, judge(question, cost))
+    interview.do(actions.Answer(question.id, judge(question, cost)))
     assert proceed(interview).phase is Phase.OVER
 
 
@@ -319,14 +311,14 @@ def test_a_person_who_asks_for_something_gets_it_though_the_agent_has_enough(mon
     interview = started(n_max=7, stops=True)
     for _ in range(3):
         question = proceed(interview).question
-        interview.steps.answer(question.id, judge(question, cost))
+        interview.do(actions.Answer(question.id, judge(question, cost)))
     assert proceed(interview).phase is Phase.QUESTION
     monkeypatch.setattr(Screening, "has_enough", lambda agent, history: len(history.lessons()) == 3)
     if asked == "again":
-        question = interview.steps.repeat().question
-        interview.steps.answer(question.id, judge(question, cost))
+        question = interview.do(actions.Repeat()).question
+        interview.do(actions.Answer(question.id, judge(question, cost)))
     else:
-        interview.steps.ask_for((0.31, 0.47))
+        interview.do(actions.AskFor((0.31, 0.47)))
     now = proceed(interview)
     assert now.phase is Phase.QUESTION
     if asked != "again":
@@ -343,5 +335,5 @@ def test_an_error_of_the_simulations_is_a_problem_that_can_be_tried_again(monkey
         interview.work()
     assert interview.now().phase is Phase.FAILED
     assert "no process can load" in interview.now().problem
-    interview.steps.retry()
+    interview.do(actions.Retry())
     assert proceed(interview).phase is Phase.QUESTION

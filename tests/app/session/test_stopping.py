@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from prefcal_agents import RandomSearch
-from prefcal_app.session import Background, Choice, Phase, unattended
+from prefcal_app.session import Background, Choice, Phase, actions, unattended
 from prefcal_app.view import now_view
 from prefcal_env.errors import RunError, StaleError
 from prefcal_env.experiments.experiment import End
@@ -43,7 +43,7 @@ def settled(now):
 def answer_until_it_hangs(interview):
     while not hangs(now := until(interview, lambda now: settled(now) or hangs(now))):
         assert now.phase is Phase.QUESTION, now.problem
-        interview.steps.answer(now.question.id, Choice.LEFT)
+        interview.do(actions.Answer(now.question.id, Choice.LEFT))
     return now
 
 
@@ -55,13 +55,13 @@ def test_a_run_that_hangs_is_stopped_counted_as_failed_and_the_study_goes_on(ahe
         assert now_view(interview)["stopping"].startswith("A run is stopped after 1 min (")
         index = now.pending.index
         with pytest.raises(StaleError):
-            interview.steps.stop_run(index + 1)
-        interview.steps.stop_run(index)
+            interview.do(actions.StopRun(index + 1))
+        interview.do(actions.StopRun(index))
         now = until(interview, settled)
         assert now.phase is Phase.FAILED
         assert "you stopped the run" in now.problem
         assert now.state.failures[index] == now.problem
-        interview.steps.fail(index, now.problem)
+        interview.do(actions.Fail(index, now.problem))
         now = until(interview, settled)
         assert interview.past.experiment(index).end is End.FAILED
         assert now.phase is Phase.QUESTION
@@ -79,8 +79,8 @@ def test_a_run_on_suspicion_that_hangs_makes_way():
         on_suspicion(interview)
         with Background(interview):
             now = until(interview, lambda now: theta_key(BAD) in interview._flow.underway.going)
-            interview.steps.mark(now.question.id, "left", "unsafe", True)  # foreseen answers are void
-            interview.steps.answer(now.question.id, Choice.LEFT)
+            interview.do(actions.Mark(now.question.id, "left", "unsafe", True))  # foreseen answers are void
+            interview.do(actions.Answer(now.question.id, Choice.LEFT))
             until(interview, lambda now: now.pending is not None)  # the next one is chosen
 
 

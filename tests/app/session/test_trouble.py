@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from prefcal_agents import GLISp
-from prefcal_app.session import Choice, Interview, Phase
+from prefcal_app.session import Choice, Interview, Phase, actions
 from prefcal_app.session.runs import due
 from prefcal_app.session.study import ExperimentStore
 from prefcal_env.errors import ScenarioError, StaleError, StudyError
@@ -18,7 +18,7 @@ LEFT = Choice.LEFT
 
 def test_an_experiment_is_not_counted_as_failed_because_the_disk_was_full(toy, monkeypatch):
     interview = begin(toy)
-    interview.steps.answer(proceed(interview).question.id, LEFT)
+    interview.do(actions.Answer(proceed(interview).question.id, LEFT))
     append = StudyFile.append
 
     def full(self, *events):
@@ -29,9 +29,9 @@ def test_an_experiment_is_not_counted_as_failed_because_the_disk_was_full(toy, m
     monkeypatch.setattr(StudyFile, "append", full)
     assert proceed(interview).phase is Phase.FAILED
     with pytest.raises(StaleError, match="experiment 3 is saved"):
-        interview.steps.fail(2, "slip")
+        interview.do(actions.Fail(2, "slip"))
     monkeypatch.undo()
-    interview.steps.retry()
+    interview.do(actions.Retry())
     assert not proceed(interview).question.challenger.experiment.end.interrupted
 
 
@@ -46,7 +46,7 @@ def test_trouble_while_looking_ahead_leaves_the_question_open(toy, monkeypatch):
         patched.setattr(GLISp, "tell", broken)
         worked(interview)
     assert interview.now().question == question
-    interview.steps.answer(question.id, LEFT)
+    interview.do(actions.Answer(question.id, LEFT))
     assert proceed(interview).question.challenger.index == 2
 
 
@@ -80,9 +80,9 @@ def test_whatever_fails_after_an_answer_is_a_problem_and_no_error_of_who_answere
 
     with monkeypatch.context() as patched:
         patched.setattr(ExperimentStore, "experiment", broken)
-        now = interview.steps.answer(question.id, LEFT)
+        now = interview.do(actions.Answer(question.id, LEFT))
     assert (now.phase, now.problem) == (Phase.FAILED, "MemoryError: no room for the curves")
-    interview.steps.retry()
+    interview.do(actions.Retry())
     assert proceed(interview).question.challenger.index == 2
 
 
@@ -96,7 +96,7 @@ def test_an_experiment_that_no_file_could_hold_is_a_failed_run(toy, kpis):
 
     interview = begin(replace(toy, run=run), ahead=True)
     question = worked(interview).question
-    interview.steps.answer(question.id, LEFT)
+    interview.do(actions.Answer(question.id, LEFT))
     assert proceed(interview).phase is not Phase.FAILED  # the fourth run of the same θ
 
 
@@ -132,9 +132,9 @@ def test_nothing_is_run_after_the_interview_was_closed(toy):
 
 def test_an_undo_while_a_proposal_is_due_is_not_asked_twice(toy):
     interview = begin(toy)
-    interview.steps.answer(proceed(interview).question.id, LEFT)
+    interview.do(actions.Answer(proceed(interview).question.id, LEFT))
     job = due(interview._flow, ahead=False)  # the worker has it, and waits for the lock
-    question = interview.steps.undo(interview.now().version).question
+    question = interview.do(actions.Undo(interview.now().version)).question
     job.finish(interview._flow, job.run())
     assert interview.now().question.id == question.id
 
@@ -143,7 +143,7 @@ def test_a_plant_that_rounds_its_parameters_is_not_run_twice(toy):
     rounding, ran = counted(toy, lambda made: replace(made, theta=made.theta.round(3)))
     interview = begin(rounding, ahead=True)
     question = worked(interview).question
-    interview.steps.answer(question.id, LEFT)
+    interview.do(actions.Answer(question.id, LEFT))
     proceed(interview)
     assert len(ran) == len(set(ran))
 
@@ -151,12 +151,12 @@ def test_a_plant_that_rounds_its_parameters_is_not_run_twice(toy):
 def test_what_the_study_holds_is_not_run_ahead_again(toy, tmp_path):
     path = tmp_path / "mine.prefcal"
     interview = begin(toy, path=path)
-    interview.steps.answer(proceed(interview).question.id, LEFT)
+    interview.do(actions.Answer(proceed(interview).question.id, LEFT))
     proceed(interview)
     interview.file.close()
 
     same, ran = counted(toy)
     resumed = Interview(same, StudyFile.open(path, clock=clock()))
-    resumed.steps.undo(resumed.now().version)
+    resumed.do(actions.Undo(resumed.now().version))
     worked(resumed)
     assert ran == []  # the start is space-filling: every answer leads to the θ that was run

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from prefcal_app.session import actions
 from prefcal_app.simulating import Simulator, twin_of
 from prefcal_env.errors import StudyError
 from prefcal_env.preferences.answer import as_read
@@ -57,7 +58,7 @@ def test_a_look_at_a_simulated_theta_shows_the_model_and_runs_nothing_on_the_pla
     )
     looked = interview.look_at(theta)
     assert looked.kpis["rough"] == pytest.approx(0.6 * theta[0] ** 2)
-    interview.steps.ask_for(theta)
+    interview.do(actions.AskFor(theta))
     now = proceed(interview)
     assert now.question.challenger.experiment.kpis["rough"] == pytest.approx(theta[0] ** 2)
 

@@ -9,7 +9,7 @@ import pytest
 from prefcal_agents.screening import findings
 from prefcal_agents.screening.agent import Certificate, Screening
 from prefcal_agents.screening.findings import Findings, Reason, RobustResult
-from prefcal_app.session import Choice, Phase
+from prefcal_app.session import Choice, Phase, actions
 from prefcal_app.simulating import offer, promise, told
 from prefcal_app.simulating.why import percent, robust
 from prefcal_app.view.end import smaller_view
@@ -34,7 +34,7 @@ def chances(monkeypatch):
 
 def answered(interview, *choices):
     for choice in choices:
-        interview.steps.answer(interview.now().question.id, choice)
+        interview.do(actions.Answer(interview.now().question.id, choice))
         explained(interview)
     return interview
 
@@ -62,7 +62,7 @@ def test_it_comes_with_the_question_and_no_request_computes_it(chances):
 def test_after_a_request_it_is_worked_out_anew_in_the_background(chances):
     interview = screening()
     proceed(interview)
-    interview.steps.ask_for(WANTED)
+    interview.do(actions.AskFor(WANTED))
     proceed(interview)
     assert interview.known.screened() is None  # the same record, and yet another challenger
     assert interview.known.screened(current=False) is not None
@@ -78,7 +78,7 @@ def test_after_a_request_it_is_worked_out_anew_in_the_background(chances):
 def test_it_is_about_the_open_question_alone(chances):
     interview = explained(screening())
     before = interview.known.screened()
-    interview.steps.answer(interview.now().question.id, Choice.LEFT)
+    interview.do(actions.Answer(interview.now().question.id, Choice.LEFT))
     assert interview.known.screened() is None
     assert interview.known.findings is None
     assert interview.known.screened(current=False) is before
@@ -128,7 +128,7 @@ def test_a_look_records_nothing_and_a_question_about_it_comes_at_once():
     found = interview.look_at(WANTED)
     assert found == toy.run(WANTED)
     assert len(list(interview.file.events())) == events
-    assert interview.steps.ask_for(WANTED).phase is Phase.QUESTION  # without another run
+    assert interview.do(actions.AskFor(WANTED)).phase is Phase.QUESTION  # without another run
 
 
 def test_a_look_at_one_that_was_shown_reads_its_experiment():
@@ -262,7 +262,7 @@ def test_at_the_end_it_says_what_was_wanted_and_what_the_result_rests_on(monkeyp
     unexplained = replace(CERTIFIED, share=None, chance=None)
     found = replace(interview.known.findings, certificate=unexplained)
     assert told(found, simulated) == (), "whatever is said of KPIs would be wrong"
-    interview.steps.go_on(1)
+    interview.do(actions.GoOn(1))
     assert proceed(interview).phase is Phase.QUESTION
     assert interview.known.outlook is None or interview.known.outlook.result == ()
 
@@ -270,11 +270,11 @@ def test_at_the_end_it_says_what_was_wanted_and_what_the_result_rests_on(monkeyp
 def test_a_study_that_a_person_ends_is_told_of_its_result_as_well():
     interview = explained(screening())
     answered(interview, Choice.LEFT)
-    interview.steps.finish()
+    interview.do(actions.Finish())
     worked(interview)
     assert interview.known.findings.over
     assert interview.known.findings.complete
-    interview.steps.go_on()
+    interview.do(actions.GoOn())
     worked(interview)
     assert interview.now().question is not None
     assert not interview.known.findings.over
@@ -327,7 +327,7 @@ def test_a_choice_after_a_look_is_an_answer_and_leaves_the_study_over(tmp_path):
     interview = ended(path=tmp_path / "a.prefcal")
     best, given = interview.now().incumbent, interview.known.counts.comparisons
     interview.look_at(WANTED)
-    now = interview.steps.choose(WANTED, best)
+    now = interview.do(actions.Choose(WANTED, best))
     assert now.phase is Phase.OVER  # without another run, and without a question to the person
     assert now.state.ended == "all compared"
     assert now.incumbent == 3
@@ -337,9 +337,9 @@ def test_a_choice_after_a_look_is_an_answer_and_leaves_the_study_over(tmp_path):
     interview.file.close()
     again = reopened(simulated, tmp_path / "a.prefcal")
     assert again.now().incumbent == 3, "it is as durable as any answer"
-    asked = again.steps.undo(again.now().version).question
+    asked = again.do(actions.Undo(again.now().version)).question
     assert (asked.challenger.index, asked.incumbent.index) == (3, best), "and can be undone as any"
-    again.steps.give(asked.id, Answer(Preference.INCUMBENT))
+    again.do(actions.Give(asked.id, Answer(Preference.INCUMBENT)))
     assert proceed(again).incumbent == best
 
 
@@ -350,24 +350,14 @@ def test_a_choice_keeps_the_reason_of_the_end(monkeypatch):
     while interview.now().phase is not Phase.OVER:
         answered(interview, Choice.LEFT)
     interview.look_at(WANTED)
-    now = interview.steps.choose(WANTED, interview.now().incumbent)
+    now = interview.do(actions.Choose(WANTED, interview.now().incumbent))
     assert (now.state.ended, now.state.n_max) == ("little is left to gain", 9)
     assert now.state.history.answered == 4
 
 
-def test_nothing_is_chosen_where_nothing_is_simulated():
-    interview = begin(toy)
-    proceed(interview)
-    now = interview.steps.finish()
-    assert "choose" not in now.can
-    with pytest.raises(StaleError, match="nothing is simulated unseen"):
-        interview.steps.choose(toy.space.decode(np.full(len(toy.space), 0.3)), now.incumbent)
-    assert "choose" in ended().now().can
-
-
 def test_a_choice_that_was_not_looked_at_is_only_asked_for():
     interview = ended()
-    now = interview.steps.choose(WANTED, interview.now().incumbent)
+    now = interview.do(actions.Choose(WANTED, interview.now().incumbent))
     assert now.phase is Phase.RUNNING
     asked = proceed(interview).question
     assert asked.challenger.experiment.theta.tolist() == WANTED.tolist()
@@ -380,9 +370,9 @@ def test_a_choice_beside_another_best_or_of_what_was_tried_changes_nothing():
     other = interview.past.experiment(1 - min(best, 1)).theta
     interview.look_at(WANTED)
     with pytest.raises(StaleError, match="another experiment is the best"):
-        interview.steps.choose(WANTED, best + 1)
+        interview.do(actions.Choose(WANTED, best + 1))
     with pytest.raises(ProtocolError, match="compared already"):
-        interview.steps.choose(other, best)
+        interview.do(actions.Choose(other, best))
     with pytest.raises(KnobError):
-        interview.steps.choose(np.array([9.0, 21.0, 1.0]), best)
+        interview.do(actions.Choose(np.array([9.0, 21.0, 1.0]), best))
     assert (interview.now().version, interview.now().phase) == (version, Phase.OVER)

@@ -7,7 +7,7 @@ import pytest
 
 from prefcal_app.cli.studies.commands import RespaceOptions
 from prefcal_app.cli.studies.files import respace
-from prefcal_app.session import Choice
+from prefcal_app.session import Choice, actions
 from prefcal_app.summary import at_end, falls_outward, outlook, study_name
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.study import StudyFile
@@ -121,7 +121,7 @@ def test_the_command_can_be_carried_out(tmp_path):
         best = max if now.question.left.experiment.theta[0] else min
         assert best
         low = now.question.left.experiment.theta[0] < now.question.right.experiment.theta[0]
-        interview.steps.answer(now.question.id, Choice.LEFT if low else Choice.RIGHT)
+        interview.do(actions.Answer(now.question.id, Choice.LEFT if low else Choice.RIGHT))
     theta = np.array([0.25, 20.0, 1.0])
     found = outlook(PROMISE, theta, toy.space, str(path), interview.file.state, helps=always)
     interview.file.close()

@@ -1,6 +1,6 @@
 import pytest
 
-from prefcal_app.session import Choice
+from prefcal_app.session import Choice, actions
 from prefcal_app.view import asked_view, history_view
 from prefcal_env.errors import StaleError
 from prefcal_env.study import Noted
@@ -20,17 +20,17 @@ def test_every_answer_is_there_in_the_order_given():
 
 def test_a_retracted_answer_stays_and_says_so_and_one_taken_back_is_gone():
     interview, _ = asked(Choice.LEFT, Choice.RIGHT)
-    interview.steps.retract(1)
+    interview.do(actions.Retract(1))
     assert [a["retracted"] for a in history_view(interview)["answers"]] == [True, False]
     assert asked_view(interview, 1)["retracted"] is True
-    interview.steps.undo(interview.now().version)
+    interview.do(actions.Undo(interview.now().version))
     assert [a["answer"] for a in history_view(interview)["answers"]] == [1]
 
 
 def test_a_repeated_question_names_the_one_that_it_asks_again():
     interview, _ = asked(*[Choice.LEFT] * 4)
-    now = interview.steps.repeat()
-    interview.steps.answer(now.question.id, Choice.RIGHT)
+    now = interview.do(actions.Repeat())
+    interview.do(actions.Answer(now.question.id, Choice.RIGHT))
     proceed(interview)
     *_, last = history_view(interview)["answers"]
     assert last["repeated"] is True
@@ -42,7 +42,7 @@ def test_a_repeated_question_names_the_one_that_it_asks_again():
 def test_questions_have_one_count_with_the_follow_ups_among_them():
     interview = begin(toy, n_max=9, agent=THREE)
     further = until_further(interview)
-    interview.steps.answer(further.id, judge(further, toy.cost))
+    interview.do(actions.Answer(further.id, judge(further, toy.cost)))
     proceed(interview)
     answers = history_view(interview)["answers"]
     assert [a["number"] for a in answers] == list(range(1, len(answers) + 1))
@@ -55,7 +55,7 @@ def test_questions_have_one_count_with_the_follow_ups_among_them():
 
 def test_remarks_are_kept_with_their_time():
     interview, _ = asked()
-    interview.file.append(Noted("the pump was noisy"))
+    interview._flow.append(Noted("the pump was noisy"))
     (note,) = history_view(interview)["notes"]
     assert note["text"] == "the pump was noisy"
     assert note["at"].startswith("2026-01-01T")

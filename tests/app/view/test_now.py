@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from prefcal_app.session import Choice, Phase
+from prefcal_app.session import Choice, Phase, actions
 from prefcal_app.view import now_view
 from prefcal_scenarios.scenario import Scenario
 from support.interviews import begin, proceed
@@ -69,7 +69,7 @@ def test_good_enough_offers_to_finish_and_blind_does_not_say_which():
     best = now.incumbent
     side = "left" if now.question.left.index == best else "right"
     assert now_view(interview)["good_enough"] is None
-    interview.steps.mark(now.question.id, side, "good enough", True)
+    interview.do(actions.Mark(now.question.id, side, "good enough", True))
     assert now_view(interview)["good_enough"] == {"number": best + 1}
     assert now_view(interview, blind=True)["good_enough"] == {"number": None}
 

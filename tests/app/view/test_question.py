@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from prefcal_app.session import Choice
+from prefcal_app.session import Choice, actions
 from prefcal_app.view import asked_view, now_view
 from prefcal_app.view.question import numbers_view, panel_view, question_view
 from prefcal_scenarios.catalog import load
@@ -75,7 +75,7 @@ def test_kpis_with_an_objective_come_first_with_their_verdict_in_words():
 
 def test_marks_are_on_the_side_that_bears_them():
     interview, now = asked()
-    interview.steps.mark(now.question.id, "right", "unsafe", True)
+    interview.do(actions.Mark(now.question.id, "right", "unsafe", True))
     view = now_view(interview)["question"]
     assert (view["left"]["marks"], view["right"]["marks"]) == ([], ["unsafe"])
 

@@ -8,7 +8,7 @@ import pytest
 
 from prefcal_agents.people import Bank
 from prefcal_agents.screening.findings import Alternative, Findings, Reason
-from prefcal_app.session import Choice
+from prefcal_app.session import Choice, actions
 from prefcal_app.simulating import Screened
 from prefcal_app.view import look_view, map_view, now_view, why_view
 from prefcal_app.view.end import _axes, _chosen, _points, menu_view
@@ -68,7 +68,7 @@ def test_until_it_is_known_nothing_is_said(says):
     assert told(interview) == {"why": "", "offer": ""}
     assert map_view(interview) is None
     proceed(interview)
-    interview.steps.ask_for(WANTED)
+    interview.do(actions.AskFor(WANTED))
     proceed(interview)
     assert told(interview)["why"].endswith(" is shown because you asked for it.")
 
@@ -95,7 +95,7 @@ def test_the_picture_has_every_simulated_theta_in_values_that_people_see(says):
 
 def test_shown_ones_have_their_numbers_and_the_sides_their_rows(says):
     interview = explained(screening())
-    interview.steps.answer(interview.now().question.id, Choice.LEFT)
+    interview.do(actions.Answer(interview.now().question.id, Choice.LEFT))
     now, view = explained(interview).now(), map_view(interview)
     numbers = [point["number"] for point in view["points"] if point["number"] is not None]
     assert sorted(numbers) == [1, 2, 3]

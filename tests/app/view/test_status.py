@@ -7,7 +7,7 @@ import pytest
 from prefcal_agents import GLISp
 from prefcal_agents.baselines import LatinHypercube
 from prefcal_agents.glisp.agent import Foresight
-from prefcal_app.session import Choice, Consistency
+from prefcal_app.session import Choice, Consistency, actions
 from prefcal_app.view import status_view
 from prefcal_app.view.now import in_words
 from prefcal_scenarios.scenario import KPI
@@ -89,7 +89,7 @@ def test_a_missed_objective_is_said_once_enough_is_answered():
     while (now := proceed(interview)).question is not None:
         if answered < 5:
             assert status_view(interview)["outlook"] is None
-        interview.steps.answer(now.question.id, Choice.SAME)
+        interview.do(actions.Answer(now.question.id, Choice.SAME))
         answered += 1
     assert "settling time" in interview.known.missed
     outlook = status_view(interview)["outlook"]
@@ -108,7 +108,7 @@ def test_with_nothing_to_say_there_is_no_outlook(monkeypatch):
 def test_nothing_is_said_of_an_experiment_that_the_person_asked_for():
     interview, _ = asked(*[Choice.LEFT] * 5, n_max=9)
     assert "experiment 7" in interview.known.promise
-    interview.steps.ask_for(np.array(THETA))
+    interview.do(actions.AskFor(np.array(THETA)))
     proceed(interview)
     assert interview.known.promise == ""
 

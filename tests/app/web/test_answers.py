@@ -4,7 +4,7 @@ import sqlite3
 
 import pytest
 
-from prefcal_app.session.interview import Steps
+from prefcal_app.session.actions import Finish
 from prefcal_env.errors import PrefcalError, RecordError, StaleError, StudyError
 
 
@@ -18,10 +18,10 @@ from prefcal_env.errors import PrefcalError, RecordError, StaleError, StudyError
     ],
 )
 def test_errors_are_told_in_a_sentence(room, monkeypatch, error, status, kind):
-    def fail(self):
+    def fail(self, flow):
         raise error
 
-    monkeypatch.setattr(Steps, "finish", fail)
+    monkeypatch.setattr(Finish, "_take", fail)
     response = room.post("finish")
     told = response.json()
     assert (response.status_code, told["kind"], told["error"]) == (status, kind, str(error))
@@ -29,10 +29,10 @@ def test_errors_are_told_in_a_sentence(room, monkeypatch, error, status, kind):
 
 
 def test_a_fault_of_ours_is_told_and_logged(room, monkeypatch, caplog):
-    def fail(self):
+    def fail(self, flow):
         raise sqlite3.InterfaceError("a bug")
 
-    monkeypatch.setattr(Steps, "finish", fail)
+    monkeypatch.setattr(Finish, "_take", fail)
     response = room.post("finish")
     assert response.status_code == 500
     assert "a bug" in response.json()["error"]

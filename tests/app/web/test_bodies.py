@@ -9,17 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import Struct
 
-from prefcal_app.web.api import (
-    LONGEST_TEXT,
-    MalformedError,
-    Real,
-    Text,
-    Whole,
-    bit,
-    digits,
-    read_json,
-    read_query,
-)
+from prefcal_app.session.actions import LONGEST_TEXT, Answer, Real, Text, Whole
+from prefcal_app.web.api import MalformedError, bit, digits, read_json, read_query
 
 
 class Fields(Struct, forbid_unknown_fields=True):
@@ -34,7 +25,7 @@ GOOD = {"n": 3, "theta": (1.0, 2.5), "word": "left", "on": True, "note": "θ is 
 
 
 def test_an_agreed_body_is_read():
-    assert read_json(json.dumps(GOOD).encode(), Fields) == GOOD
+    assert read_json(json.dumps(GOOD).encode(), Fields) == Fields(**GOOD)
 
 
 WRONG = {
@@ -58,6 +49,11 @@ def test_a_missing_field_is_refused_and_named(name):
     rest = {key: value for key, value in GOOD.items() if key != name}
     with pytest.raises(MalformedError, match=f"missing required field `{name}`"):
         read_json(json.dumps(rest).encode(), Fields)
+
+
+def test_a_field_that_python_may_leave_out_is_not_left_out_by_a_page():
+    with pytest.raises(MalformedError, match="missing required field `comment`"):
+        read_json(b'{"question": 3, "choice": "left", "blind": false}', Answer)
 
 
 SHORT = (

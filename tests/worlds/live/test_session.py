@@ -5,7 +5,7 @@ import time
 import numpy as np
 import pytest
 
-from prefcal_app.session import Background, Choice, Phase
+from prefcal_app.session import Background, Choice, Phase, actions
 from prefcal_app.session.study import Recovery
 from prefcal_app.terminal.converse import ANSWER, _Conversation
 from prefcal_env import End
@@ -48,11 +48,11 @@ def test_each_run_is_confirmed_saved_and_compared(scenario, plant, tmp_path):
             before = len(plant.writes)
             assert [change.old for change in now.plant.changes] == pytest.approx([1.0, 10.0, 1.0])
             assert len(plant.writes) == before
-            interview.steps.write_and_start(now.pending.index)
+            interview.do(actions.WriteAndStart(now.pending.index))
             confirmed += 1
         else:
             assert len(now.state.finished) == confirmed
-            interview.steps.answer(now.question.id, Choice.LEFT)
+            interview.do(actions.Answer(now.question.id, Choice.LEFT))
             answered += 1
     assert confirmed == 4
     interview.file.close()
@@ -76,10 +76,10 @@ def test_front_ends_are_told_when_the_values_to_confirm_are_known(scenario):
 def test_nothing_is_written_before_the_confirmation(scenario, plant):
     interview = begin(scenario)
     with pytest.raises(StaleError, match="not known yet"):
-        interview.steps.write_and_start(0)
+        interview.do(actions.WriteAndStart(0))
     waited_for(interview)
     with pytest.raises(StaleError, match="nothing was written"):
-        interview.steps.write_and_start(1)
+        interview.do(actions.WriteAndStart(1))
     assert not interview.work()
     assert plant.writes == []
 
@@ -87,27 +87,27 @@ def test_nothing_is_written_before_the_confirmation(scenario, plant):
 def test_a_plant_that_changed_since_the_confirmation_is_not_touched(scenario, plant):
     interview = begin(scenario)
     waited_for(interview)
-    interview.steps.write_and_start(0)
+    interview.do(actions.WriteAndStart(0))
     plant.values["kp"] = 1.2
     now = waited_for(interview)
     assert now.phase is Phase.FAILED
     assert plant.writes == []
-    interview.steps.retry()
+    interview.do(actions.Retry())
     assert waited_for(interview).plant.changes[0].old == pytest.approx(1.2)
 
 
 def test_a_stopped_run_can_be_tried_again_or_counted_as_failed(scenario, plant):
     interview = begin(scenario)
     waited_for(interview)
-    plant.at = lambda p: interview.steps.stop_run(0) if 11.9 < p.now < 12.3 else None
-    interview.steps.write_and_start(0)
+    plant.at = lambda p: interview.do(actions.StopRun(0)) if 11.9 < p.now < 12.3 else None
+    interview.do(actions.WriteAndStart(0))
     with pytest.raises(StaleError, match="stop it first"):
-        interview.steps.finish()
+        interview.do(actions.Finish())
     now = waited_for(interview)
     assert now.phase is Phase.FAILED
     assert "The old values are restored" in now.problem
     assert plant.values["kp"] == pytest.approx(1.0)
-    interview.steps.fail(0, now.problem)
+    interview.do(actions.Fail(0, now.problem))
     assert interview.past.experiment(0).end is End.FAILED
     assert len(interview.past.experiment(0).t)
 
@@ -117,7 +117,7 @@ def test_a_kept_theta_does_not_hide_that_the_set_point_is_not_taken_back(scenari
     interview = begin(Scenario("tank", "A tank", rig.space, rig, kpis=scenario.kpis))
     waited_for(interview)
     plant.at = lambda p: setattr(p, "refuses", "sp" if plant.values["sp"] == 2.0 else "")
-    interview.steps.write_and_start(0)
+    interview.do(actions.WriteAndStart(0))
     assert interview.work()
     assert "set-point: the server memory refuses" in interview.now().plant.problem
     plant.at, plant.refuses = lambda p: None, ""
@@ -131,7 +131,7 @@ def test_an_unreachable_plant_is_a_problem_that_can_be_looked_at_again(scenario,
     now = waited_for(interview)
     assert "no connection to memory" in now.plant.problem
     plant.up = True
-    interview.steps.retry()
+    interview.do(actions.Retry())
     assert waited_for(interview).plant.changes
 
 
@@ -146,18 +146,18 @@ def test_a_failed_recovery_stays_visible_and_nothing_is_written_until_it_succeed
         assert "K_p: the server memory refuses" in now.plant.problem
         assert now.plant.changes is None
         with pytest.raises(StaleError, match="does not have its old values yet"):
-            interview.steps.write_and_start(now.pending.index)
+            interview.do(actions.WriteAndStart(now.pending.index))
         assert not interview.work()
-        interview.steps.retry()
+        interview.do(actions.Retry())
         now = waited_for(interview)
     assert "kp" not in {node for _, node, _ in plant.writes}
     plant.refuses = ""
-    interview.steps.retry()
+    interview.do(actions.Retry())
     now = waited_for(interview)
     assert now.plant.problem == ""
     assert now.plant.recovery is Recovery.DONE
     assert now.plant.changes[0].old == pytest.approx(1.5)
-    interview.steps.write_and_start(now.pending.index)
+    interview.do(actions.WriteAndStart(now.pending.index))
     assert interview.work()
     assert len(interview.now().state.finished) == 1
 
@@ -178,7 +178,7 @@ def test_a_recovery_that_fails_while_a_question_is_open_can_be_tried_again(scena
         now = waited_for(interview)
         plant.at = lambda p: setattr(p, "refuses", "sp" if p.values["sp"] == 2.0 else "")
         plant.at = plant.at if now.pending.index else lambda p: None
-        interview.steps.write_and_start(now.pending.index)
+        interview.do(actions.WriteAndStart(now.pending.index))
         assert interview.work()
     while interview.work():
         pass
@@ -187,7 +187,7 @@ def test_a_recovery_that_fails_while_a_question_is_open_can_be_tried_again(scena
     assert now.plant.recovery is Recovery.FAILED
     assert "set-point" in now.plant.problem
     plant.at, plant.refuses = lambda p: None, ""
-    interview.steps.retry()
+    interview.do(actions.Retry())
     assert interview.work()
     assert interview.now().plant.recovery is Recovery.DONE
     assert plant.values["sp"] == pytest.approx(1.0)
@@ -207,7 +207,7 @@ def test_a_run_that_raised_has_its_old_values_restored_before_anything_else(scen
     now = waited_for(interview)
     assert now.plant.recovery is Recovery.DONE
     monkeypatch.setattr(LiveRig, "drive", broken)
-    interview.steps.write_and_start(now.pending.index)
+    interview.do(actions.WriteAndStart(now.pending.index))
     assert interview.work()
     assert interview.now().phase is Phase.FAILED
     assert interview.now().plant.recovery is Recovery.DUE
@@ -225,14 +225,14 @@ def test_an_experiment_that_could_not_be_saved_is_saved_later_without_another_ru
     def full(*events):
         raise StudyError("the disk is full")
 
-    interview.steps.write_and_start(0)
+    interview.do(actions.WriteAndStart(0))
     with monkeypatch.context() as changed:
         changed.setattr(interview.file, "append", full)
         assert interview.work()
     assert interview.now().phase is Phase.FAILED
     assert not interview.now().state.finished
     before = len(plant.writes)
-    interview.steps.retry()
+    interview.do(actions.Retry())
     while not interview.now().state.finished:
         assert interview.work()
     assert len(plant.writes) == before
@@ -250,7 +250,7 @@ def test_no_answer_and_no_experiment_is_lost_by_kills_at_random_instants(scenari
     while (now := waited_for(interview)).phase is not Phase.OVER:
         if now.phase is Phase.QUESTION:
             answered += 1
-            interview.steps.answer(now.question.id, Choice.LEFT)
+            interview.do(actions.Answer(now.question.id, Choice.LEFT))
             continue
         until = plant.now + rng.uniform(0.0, 90.0)
 
@@ -259,7 +259,7 @@ def test_no_answer_and_no_experiment_is_lost_by_kills_at_random_instants(scenari
                 raise KilledError
 
         plant.at = kill
-        interview.steps.write_and_start(now.pending.index)
+        interview.do(actions.WriteAndStart(now.pending.index))
         try:
             interview.work()
             ran += 1

@@ -11,6 +11,7 @@ import httpx
 import pytest
 
 from prefcal_app import ask
+from prefcal_app.session import actions
 from prefcal_app.worlds import notebook as asking_module
 from prefcal_env.errors import SettingsError, StudyError
 from support.browser import SHOTS
@@ -122,7 +123,7 @@ def test_a_study_that_goes_on_is_not_over_and_gets_a_new_report_at_its_new_end()
             pass
         assert asking.wait(30)
         assert len(reported(asking, "comparisons.csv").splitlines()) == 1 + 3
-        asking._interview.steps.go_on(2)
+        asking._interview.do(actions.GoOn(2))
         assert not asking.over
         assert not asking.wait(0.1)
         while answer(client):

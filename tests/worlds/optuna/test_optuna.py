@@ -4,6 +4,7 @@ import sys
 
 import pytest
 
+from prefcal_app.session import actions
 from prefcal_scenarios.catalog import load
 
 URL = "sqlite:///tuning.db"
@@ -54,7 +55,7 @@ def answered(interview):
     from support.interviews import until
 
     for _ in range(2):
-        interview.steps.answer(until(interview, lambda now: now.question).question.id, Choice.LEFT)
+        interview.do(actions.Answer(until(interview, lambda now: now.question).question.id, Choice.LEFT))
 
 
 def test_what_is_missing_is_said(made, refused):

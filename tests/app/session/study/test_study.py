@@ -3,10 +3,10 @@
 from dataclasses import replace
 
 from prefcal_agents import GLISp
-from prefcal_app.session import Choice
-from prefcal_app.session.study import Ask, Over, Settle, Study, Wait, Write
+from prefcal_app.session import Choice, actions
+from prefcal_app.session.study import Ask, Moment, Settle, Study, Write
 from prefcal_env.preferences.history import History
-from prefcal_env.study import Answered, Created, Finished
+from prefcal_env.study import Answered, Created, Ended, Finished
 from prefcal_env.study.fold import begin as created
 from prefcal_env.study.fold import step
 from support.interviews import answer_all, begin, judge, proceed
@@ -18,14 +18,14 @@ TOY = toy_scenario()
 def in_memory(agent, state, answers):
     """Drive a study in memory with answers by number; return its last state and what it said."""
     said, seq, history = [], 1, agent.recorded(state.history)
-    while not isinstance(todo := Study(agent, history, state).todo(), Over):
+    while (todo := Study(agent, history, state).next()) is not Moment.OVER:
         said.append(type(todo))
         match todo:
             case Write(event):
                 events = [event]
             case Settle(index):
                 events = [Answered(None, index, None, answers[index])]
-            case Wait():
+            case Moment.RUN:
                 events = [Finished(len(state.finished))]
             case Ask(shown):
                 given = answers[shown.challenger]
@@ -48,25 +48,25 @@ def test_a_study_in_memory_tries_what_one_with_a_file_tries():
     assert state.ended == there.ended == "all compared"
     assert [s.theta for s in state.history.samples] == [s.theta for s in there.history.samples]
     assert state.history.incumbent == there.history.incumbent
-    assert {Ask, Settle, Wait, Write} == set(said)
+    assert {Ask, Settle, Moment, Write} == set(said)
 
 
 def test_an_answer_makes_another_study_and_changes_none():
     interview = begin(TOY, n_max=6)
     question = proceed(interview).question
     study = interview._flow.study
-    asked = study.todo()
+    asked = study.next()
     assert asked == Ask(study.state.open[1])
     assert not study.is_overtaken
-    interview.steps.answer(question.id, judge(question, TOY.cost))
-    assert study.todo() == asked
-    assert interview._flow.study.todo() != asked
+    interview.do(actions.Answer(question.id, judge(question, TOY.cost)))
+    assert study.next() == asked
+    assert interview._flow.study.next() != asked
 
 
 def test_an_ended_study_asks_nothing_whatever_the_agent_would():
     interview = begin(TOY, n_max=6)
     question = proceed(interview).question
-    interview.steps.answer(question.id, Choice.LEFT)
+    interview.do(actions.Answer(question.id, Choice.LEFT))
     study = interview._flow.study
-    assert not isinstance(study.todo(), Over)
-    assert isinstance(replace(study, state=replace(study.state, ended="stopped")).todo(), Over)
+    assert study.next() is not Moment.OVER
+    assert study.feed(Ended("stopped"), replace(study.state, ended="stopped")).next() is Moment.OVER

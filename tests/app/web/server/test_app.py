@@ -9,8 +9,7 @@ from importlib.resources import files
 import httpx
 import pytest
 
-from prefcal_app.session import Choice, Given, Interview, Phase
-from prefcal_app.session.interview import Steps
+from prefcal_app.session import Choice, Interview, Phase, actions
 from prefcal_app.web.api import Pace
 from support.interviews import begin, proceed
 from support.windows import make_room
@@ -123,16 +122,16 @@ def test_a_record_that_nobody_waits_for_is_told(room):
 def test_a_record_arrives_as_it_was_sent(room, monkeypatch):
     got = []
 
-    def record(self, given):
-        got.append(given)
-        return room.interview.now()
+    def do(self, action):
+        got.append(action)
+        return self.now()
 
-    monkeypatch.setattr(Steps, "record", record)
+    monkeypatch.setattr(Interview, "do", do)
     content = bytes(range(256)) * 4000  # larger than any JSON body may be
     page = room.page(**{"content-type": "text/csv; charset=utf-8"})
     address = "/api/record?index=3&unsafe=1&theta=0.5,20,1e-3&again=1"
     assert page.post(address, content=content).status_code == 200
-    assert got == [Given(3, content, True, (0.5, 20.0, 0.001), True)]
+    assert got == [actions.Record(3, content, True, (0.5, 20.0, 0.001), True)]
     for theta in ("", "a", "1,,2", "nan", "1,inf"):
         assert page.post(f"/api/record?index=3&theta={theta}", content=b"x").status_code == 400
 

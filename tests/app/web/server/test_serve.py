@@ -9,7 +9,7 @@ from contextlib import ExitStack, contextmanager
 import httpx
 import pytest
 
-from prefcal_app.session import Choice
+from prefcal_app.session import Choice, actions
 from prefcal_app.web import Window, open_browser, security
 from prefcal_app.web.serve import Presence, bind
 from prefcal_env.errors import SettingsError
@@ -143,7 +143,7 @@ def test_a_page_that_waits_is_there_until_its_wait_ends(toy):
         while window.waiting < 1:
             time.sleep(0)
         now[0] = 9.0
-        begun.steps.answer(begun.now().question.id, Choice.LEFT)
+        begun.do(actions.Answer(begun.now().question.id, Choice.LEFT))
         poll.join(20)
         now[0] = 10.0
         assert window.away() == 1.0

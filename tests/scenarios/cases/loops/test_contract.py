@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from contracts.loops import *  # noqa: F403
-from prefcal_app.session import Choice
+from prefcal_app.session import Choice, actions
 from prefcal_app.view import now_view
 from prefcal_scenarios.cases.loops import LOOPS, named
 from prefcal_scenarios.names import CLOSED_LOOPS, is_built_in
@@ -39,7 +39,7 @@ def test_people_compare_its_experiments_in_the_window(name):
         view = now_view(interview)["question"]
         for side in ("left", "right"):
             assert len(view[side]["curves"]) == len(view["panels"]) == len(named(name).panels)
-        interview.steps.answer(question.id, Choice.LEFT)
+        interview.do(actions.Answer(question.id, Choice.LEFT))
     assert proceed(interview).question is None
 
 

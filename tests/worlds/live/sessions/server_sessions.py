@@ -30,7 +30,7 @@ from pathlib import Path
 import numpy as np
 
 from prefcal_agents import RandomSearch
-from prefcal_app.session import Choice, Interview, Now, Phase
+from prefcal_app.session import Choice, Interview, Now, Phase, actions
 from prefcal_app.session.study import agent_as_dict, knobs_as_dicts
 from prefcal_env.study import StudyFile
 from prefcal_env.worlds.live import LiveRig, live_rig
@@ -151,21 +151,21 @@ class Study:
             now = _waited_for(interview)
             self.finished |= now.state.finished.keys()
             if now.question is not None:
-                interview.steps.answer(now.question.id, Choice.LEFT)
+                interview.do(actions.Answer(now.question.id, Choice.LEFT))
                 self.answers += 1
             elif now.phase is Phase.OVER or (now.phase is Phase.CONFIRM and ran):
                 return how
             elif now.phase is Phase.FAILED and self.rng.random() < 0.5:
-                interview.steps.retry()
+                interview.do(actions.Retry())
                 how = "lost in the run, tried again"
             elif now.phase is Phase.FAILED:
-                interview.steps.fail(_pending(now), now.problem or "")
+                interview.do(actions.Fail(_pending(now), now.problem or ""))
                 how, ran = "lost in the run, counted as failed", True
             elif now.plant is not None and now.plant.changes is None:
-                interview.steps.retry()
+                interview.do(actions.Retry())
                 how = "lost before the run, read again"
             else:
-                interview.steps.write_and_start(_pending(now))
+                interview.do(actions.WriteAndStart(_pending(now)))
                 interview.work()
                 ran = interview.now().phase is not Phase.FAILED
 

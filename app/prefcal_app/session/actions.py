@@ -1,0 +1,673 @@
+"""What a person can do in a study: each action is one class, with its fields, its rule and its step.
+
+The page reads an action from JSON, the terminal and Python make it, and `Interview.do` takes it.
+"""
+
+import re
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Annotated, ClassVar, Literal, cast
+
+import numpy as np
+from jaxtyping import Float
+from msgspec import Meta, Struct
+
+from prefcal_agents import GLISp
+from prefcal_env import study as events
+from prefcal_env.errors import (
+    KnobError,
+    PrefcalError,
+    PreferenceError,
+    ProtocolError,
+    RecordError,
+    ScenarioError,
+    SettingsError,
+    StaleError,
+    StudyError,
+)
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.knobs import theta_key
+from prefcal_env.preferences import answer as preferences
+from prefcal_env.preferences.answer import Outcome, Preference, counts_as_unsafe
+from prefcal_env.preferences.history import Comparison
+from prefcal_env.sources import Table
+from prefcal_env.study import Suggested
+from prefcal_scenarios.runs import outcome
+from prefcal_scenarios.scenario import check_experiment
+
+from .flow import Flow, Latest
+from .study import (
+    GOOD_ENOUGH,
+    MARKS,
+    QUESTIONS,
+    TRANSITIONS,
+    Choice,
+    Moment,
+    Phase,
+    Question,
+    Recovery,
+    Study,
+    agent_of,
+    to_repeat,
+)
+
+# --- Say what an action is: bounded fields, when it can be taken, and what it does.
+
+LARGEST_NUMBER = 2**53 - 1
+"""Largest whole number that JavaScript, JSON and SQLite all hold exactly."""
+LONGEST_TEXT = 10_000
+"""Maximum number of characters of a comment or note."""
+
+Whole = Annotated[int, Meta(ge=0, le=LARGEST_NUMBER)]
+Signed = Annotated[int, Meta(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
+Real = Annotated[float, Meta(ge=-sys.float_info.max, le=sys.float_info.max)]
+# Without control characters, and without half a surrogate pair, which UTF-8 does not allow.
+Text = Annotated[
+    str, Meta(max_length=LONGEST_TEXT, pattern=r"^[^\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]*\Z")
+]
+Place = Literal["left", "right"]
+Kind = Literal["unsafe", "good enough"]
+
+CLOSED = "this question is no longer open: it was already answered or undone, and nothing was recorded twice"
+"""What is said of an answer to another question than the open one."""
+_FAILED = "the last step failed: try it again first"
+_NOT_DUE = "no record is waited for: nothing was changed"
+_NOT_FAILING = "no experiment is waited for: nothing was changed"
+_NOT_REPEATING = "there is no earlier question to ask again now"
+
+
+class Action(Struct, frozen=True, forbid_unknown_fields=True):
+    """Base of all actions. Bounds of the fields are checked where they come from a page.
+
+    On an outdated page, for example in a second tab, an action raises StaleError and records nothing.
+    If the file cannot be written, it raises StudyError and changes nothing.
+    """
+
+    when: ClassVar[frozenset[Phase]] = frozenset(Phase)
+    """Phases in which it can be taken."""
+    otherwise: ClassVar[str] = ""
+    """What is said in the other phases."""
+
+    @classmethod
+    def refusal(cls, study: Study) -> PrefcalError | None:
+        """Return why nobody can take it now, whatever its fields say; None if it can be taken."""
+        if study.plant.moves and cls is not StopRun:
+            return StaleError("a run on the plant is in progress: stop it first")
+        return StaleError(cls.otherwise) if study.phase not in cls.when else cls._also(study)
+
+    def take(self, flow: Flow) -> None:
+        """Save what follows from it, then let it take effect; raise its `refusal` if there is one."""
+        if (refused := self.refusal(flow.standing)) is not None:
+            raise refused
+        self._take(flow)
+
+    @classmethod
+    def _also(cls, study: Study) -> PrefcalError | None:
+        """Return what else refuses it in these phases."""
+        return None
+
+    def _take(self, flow: Flow) -> None:
+        raise NotImplementedError
+
+
+# --- Judge the open question: answers, marks, undo and retractions.
+
+
+def _open_question(flow: Flow, question: int) -> Question:
+    """Return the open question. Raises StaleError unless its id is `question`."""
+    asked = flow.question
+    if asked is None or asked.id != question:
+        raise StaleError(CLOSED)
+    return asked
+
+
+def _close(
+    flow: Flow, asked: Question, given: preferences.Answer, comment: str = "", blind: bool = False
+) -> None:
+    """Record the answer, teach it to the agent, and proceed."""
+    new, old = asked.challenger.index, asked.incumbent.index
+    given = asked.completed(given)
+    flow.append(events.Answered(asked.id, new, old, given, comment, blind))
+    if asked.repeats is None:
+        _go_on(flow, given)
+    else:
+        flow.proceed()
+    flow.latest = Latest(flow.version)
+
+
+def _go_on(flow: Flow, answer: preferences.Answer) -> None:
+    """Go on from an answer that is saved: at once if the agent knows what to ask next."""
+    flow.thoughts.take(answer)
+    if flow.at_once == 1 and flow.agent.knows(flow.agent.history):
+        return flow.proceed()
+    return flow.feed(Moment.THINK)  # a proposal takes time, so `work` computes it
+
+
+class Answer(Action, frozen=True):
+    """Answer the open question by side.
+
+    Args:
+        question: Id of the question.
+        choice: Verdict.
+        comment: Comment on the answer.
+        blind: Whether θ and the roles of the sides were hidden.
+    """
+
+    question: Whole
+    choice: Choice
+    comment: Text = ""
+    blind: bool = False
+    when = frozenset({Phase.QUESTION})
+    otherwise = CLOSED
+
+    def _take(self, flow: Flow) -> None:
+        asked = _open_question(flow, self.question)
+        _close(flow, asked, asked.answer(self.choice), self.comment, self.blind)
+
+
+class Give(Action, frozen=True):
+    """Answer the open question in terms of challenger and incumbent."""
+
+    question: Whole
+    answer: preferences.Answer
+    when = frozenset({Phase.QUESTION})
+    otherwise = CLOSED
+
+    def _take(self, flow: Flow) -> None:
+        _close(flow, _open_question(flow, self.question), self.answer)
+
+
+class Mark(Action, frozen=True):
+    """Set or clear a mark of the experiment on `side`; one mark replaces the other.
+
+    Raises PreferenceError if a run that was interrupted as unsafe is marked as good enough.
+    """
+
+    question: Whole
+    side: Place
+    mark: Kind
+    on: bool
+    when = frozenset({Phase.QUESTION})
+    otherwise = CLOSED
+
+    def _take(self, flow: Flow) -> None:
+        asked = _open_question(flow, self.question)
+        if self.side not in ("left", "right") or self.mark not in MARKS:
+            raise StudyError(f"a mark is one of {MARKS} on left or right, got {self.mark!r} on {self.side!r}")
+        which = asked.side(self.side)
+        if self.on and self.mark == GOOD_ENOUGH and which.counts_as_unsafe:
+            raise PreferenceError(
+                f"experiment {which.index + 1} was interrupted as unsafe: it cannot be good enough"
+            )
+        if self.on != (self.mark in which.marks):
+            flow.append(events.Marked(which.index, self.mark, self.on))
+            flow.show()
+
+
+class Undo(Action, frozen=True):
+    """Undo the last answer, or skip a repeated question that is open.
+
+    `version` is the one that the person saw.
+    """
+
+    version: Whole
+
+    @classmethod
+    def _also(cls, study: Study) -> PrefcalError | None:
+        if study.repeats:
+            return None  # a repeated question can always be skipped
+        repeats = study.state.history.repeats
+        last_was_repeat = bool(repeats) and study.state.answers[-1] is repeats[-1]
+        has_one = study.state.history.answered > 1 and not last_was_repeat
+        return None if has_one else StaleError("there is no answer to undo")
+
+    def _take(self, flow: Flow) -> None:
+        if self.version < flow.latest.version:
+            raise StaleError("an answer was given or undone since you looked")
+        draft = flow.latest.draft
+        if not flow.study.repeats:
+            draft = flow.state.history.latest[-1].comment
+            flow.append(events.Undone())
+        flow.proceed()
+        flow.latest = Latest(flow.version, draft)
+
+
+def closed(flow: Flow, answer: int) -> Comparison:
+    """Return answer number `answer`, see `Past.closed`."""
+    history = flow.state.history
+    answers = history.comparisons if answer >= 0 else (None, *history.follow_ups)
+    if not 1 <= abs(answer) < len(answers):
+        what = "answer" if answer >= 0 else "answer to a follow-up comparison"
+        raise StaleError(f"there is no {what} {abs(answer)}: {max(len(answers) - 1, 0)} are given")
+    found = answers[abs(answer)]
+    assert found is not None
+    return found
+
+
+class Retract(Action, frozen=True):
+    """Forget what an answer taught (see `closed`); all samples stay, including the open one."""
+
+    answer: Signed
+
+    @classmethod
+    def _also(cls, study: Study) -> PrefcalError | None:
+        if study.phase is Phase.RUNNING and study.must_think:
+            return StaleError("the next experiment is being chosen: retract the answer once it is shown")
+        if study.phase is Phase.FAILED and study.must_think:
+            # Choosing the next experiment may fail again, after the retraction is written.
+            return StaleError(_FAILED)
+        has_one = study.state.history.answered > 1
+        return None if has_one else StaleError("there is no answer to retract")
+
+    def _take(self, flow: Flow) -> None:
+        if closed(flow, self.answer).retracted:
+            raise StaleError(f"answer {self.answer} is retracted already")
+        if flow.phase is Phase.RUNNING and flow.study.pending is None:
+            # Propose the open sample first: it must not depend on this retraction.
+            flow.proceed()
+        flow.append(events.Retracted(self.answer))
+        if flow.phase is Phase.QUESTION:
+            flow.proceed()
+        else:
+            flow.version += 1
+
+
+# --- Say what is asked next: an earlier question, more or fewer, or about a θ of one's own.
+
+
+class Repeat(Action, frozen=True):
+    """Show an earlier question again, with its sides swapped; the answer teaches nothing."""
+
+    when = frozenset({Phase.QUESTION})
+    otherwise = _NOT_REPEATING
+
+    @classmethod
+    def _also(cls, study: Study) -> PrefcalError | None:
+        return StaleError(_NOT_REPEATING) if to_repeat(study.state, study.seed) is None else None
+
+    def _take(self, flow: Flow) -> None:
+        again = to_repeat(flow.state, flow.study.seed)
+        assert again is not None
+        assert again.incumbent is not None
+        left = not again.challenger_left
+        flow.show(events.Shown(again.challenger, again.incumbent, left, again.question))
+
+
+class Pace(Action, frozen=True):
+    """Ask at most `questions` comparisons per experiment from now on."""
+
+    questions: Annotated[int, Meta(ge=1, le=99)]  # no ranking needs more
+    when = frozenset(Phase) - {Phase.FAILED}  # until the retry, the study file and the agent may differ
+    otherwise = _FAILED
+
+    @classmethod
+    def _also(cls, study: Study) -> PrefcalError | None:
+        if study.strategy.paced:
+            return None
+        return SettingsError("only the agent glisp can ask more than one comparison per experiment")
+
+    def _take(self, flow: Flow) -> None:
+        agent = cast(GLISp, flow.agent)
+        changed = agent.with_questions(self.questions)
+        if self.questions == agent.settings.questions_per_experiment:
+            return
+        flow.append(events.Adjusted({QUESTIONS: self.questions}))
+        flow.become(changed)
+        if flow.phase is Phase.QUESTION:
+            flow.resume()  # discards what was prefetched for this question
+        else:
+            flow.version += 1
+
+
+class AskFor(Action, frozen=True):
+    """Compare physical `theta`, one number per knob, next, in place of the pending sample.
+
+    The θ of that sample is free again. Raises ProtocolError if all experiments are answered or `theta`
+    was tried before, and KnobError if the space does not hold it.
+    """
+
+    theta: tuple[Real, ...]
+    when = frozenset(Phase) - {Phase.OVER}
+    otherwise = "the study has ended: continue it first"
+
+    def _take(self, flow: Flow) -> None:
+        twin, pending, asked = flow.agent.copy(), flow.study.pending, flow.question
+        twin.replace_pending(np.array(self.theta))
+        sample = twin.history.pending  # others may be pending behind it
+        assert sample is not None
+        shown = asked is None or asked.challenger.index == flow.state.history.answered
+        if pending is not None and pending.theta == sample.theta and shown:
+            return  # it is the next one already
+        index = flow.state.history.answered
+        known = flow.finished(index, np.array(sample.theta))
+        flow.append(events.Requested(index, sample.z, sample.theta), *known)
+        flow.proceed()
+
+
+class Choose(Action, frozen=True):
+    """Choose a simulated `theta`, one number per knob, after the end, instead of experiment `best`.
+
+    It is asked for, and the question about it is answered by the choice, if its run is known from a
+    look at both; then the study is over again, for the same reason. A plant has to run it first: that
+    is all that follows. Raises the errors of `AskFor`.
+    """
+
+    theta: tuple[Real, ...]
+    best: Whole
+    when = frozenset({Phase.OVER})
+    otherwise = "the study has not ended"
+
+    @classmethod
+    def _also(cls, study: Study) -> PrefcalError | None:
+        if study.simulates:
+            return None
+        return StaleError("nothing is simulated unseen in this study: continue it and ask for a θ")
+
+    def _take(self, flow: Flow) -> None:
+        if flow.study.best != self.best:
+            raise StaleError("another experiment is the best by now: look at both again")
+        wanted = flow.agent.space.check_allowed(np.array(self.theta))
+        if flow.agent.space.close(wanted, flow.agent.samples).any():
+            raise ProtocolError("an experiment was run with this θ: it was compared already")
+        reason = flow.state.ended
+        assert reason is not None
+        GoOn(int(flow.state.history.answered >= flow.state.n_max)).take(flow)
+        AskFor(tuple(wanted.tolist())).take(flow)
+        asked, samples = flow.question, flow.state.history.samples
+        if asked is not None and np.array_equal(samples[asked.challenger.index].theta, wanted):
+            _close(flow, asked, preferences.Answer(Preference.CHALLENGER, marks=asked.marks))
+            flow.append(events.Ended(reason))
+            flow.proceed()
+
+
+# --- Supply the record of a rig, which can be previewed and replaced.
+
+
+@dataclass(frozen=True, slots=True)
+class Preview:
+    """Preview of what would be saved.
+
+    Args:
+        experiment: Experiment as read from the record.
+        same: Index of another experiment with identical curves; None if there is none.
+        retracts: Number of answers that would no longer teach anything.
+    """
+
+    experiment: Experiment
+    same: int | None
+    retracts: int
+
+
+class Record(Action, frozen=True):
+    """Save the record of the pending sample, or replace an earlier experiment's.
+
+    Args:
+        index: Index of the experiment, from 0.
+        content: Content of the CSV file.
+        unsafe: Whether the run became unsafe and was stopped.
+        theta: Physical θ that was really set, one number per knob; None for the proposed one.
+        again: Whether to accept the same curves as another experiment's, else they are refused.
+    """
+
+    index: Whole
+    content: bytes
+    unsafe: bool = False
+    theta: tuple[float, ...] | None = None
+    again: bool = False
+    when = frozenset({Phase.RECORD, Phase.QUESTION})
+    otherwise = _NOT_DUE
+
+    @classmethod
+    def _also(cls, study: Study) -> PrefcalError | None:
+        if study.plant.asks != "record":
+            return StaleError("the plant is simulated and takes no record")
+        due = study.phase is Phase.RECORD or study.state.finished
+        return None if due else StaleError(_NOT_DUE)
+
+    def preview(self, flow: Flow) -> Preview:
+        """Read the record, and save nothing; raise RecordError if it or the θ that was set is refused."""
+        if (refused := self.refusal(flow.standing)) is not None:
+            raise refused
+        pending, finished, index = flow.study.pending, flow.state.finished, self.index
+        due = flow.phase is Phase.RECORD and pending is not None and pending.index == index
+        if not due and index not in finished:
+            raise StaleError(f"experiment {index + 1} is no longer waited for: nothing was changed")
+        theta = self._dialed(flow)
+        if theta is None:
+            theta = np.array(flow.state.history.samples[index].theta)
+        run = flow.underway.source.begin(theta, seed=flow.study.seed)
+        run.supply(Table(self.content, self.unsafe))
+        experiment = check_experiment(flow.store.scenario, theta, run.advance())
+        standing = [c for c in flow.state.history.counting if c.incumbent is not None and not c.retracted]
+        retracts = sum(index in (c.challenger, c.incumbent) for c in standing)
+        return Preview(experiment, _same(flow, index, experiment), retracts)
+
+    def _take(self, flow: Flow) -> None:
+        seen, index = self.preview(flow), self.index
+        if seen.same is not None and not self.again:
+            raise RecordError(
+                f"these are the curves of experiment {seen.same + 1}: is it the file of another run?"
+            )
+        theta = self._dialed(flow)
+        before: list[events.Event] = []
+        if theta is not None:
+            z = flow.store.scenario.space.encode(theta)
+            before.append(events.Dialed(index, tuple(z.tolist()), tuple(theta.tolist())))
+        replaces, asked = index in flow.state.finished, flow.question is not None
+        if replaces:
+            known = Outcome(outcome(flow.store.scenario, seen.experiment)).to_dict()
+            before.append(events.Replaced(index, known, counts_as_unsafe(seen.experiment)))
+        flow.append(*before, (events.Finished(index), seen.experiment))
+        if not replaces or asked:
+            flow.proceed()  # a question about the wrong curves is asked again, under another id
+        else:
+            flow.feed(Moment.RECORD)  # that of the pending sample is still waited for
+
+    def _dialed(self, flow: Flow) -> Float[np.ndarray, " n"] | None:
+        """Return the θ that was really set, shape (n,); None if it equals the sample's."""
+        if self.theta is None:
+            return None
+        index, space = self.index, flow.store.scenario.space
+        try:
+            theta = space.decode(space.encode(space.check_allowed(np.array(self.theta))))
+        except KnobError as error:
+            raise RecordError(f"what you set cannot be learned from: {error}") from error
+        samples = flow.state.history.samples
+        if np.array_equal(theta, samples[index].theta):
+            return None
+        if index != flow.state.history.answered:
+            raise RecordError(f"experiment {index + 1} was compared already: its θ stays")
+        for i, earlier in enumerate(samples[:index]):
+            if np.array_equal(theta, earlier.theta):
+                raise RecordError(f"experiment {i + 1} was run with exactly the θ that you set")
+        return theta
+
+
+def _same(flow: Flow, index: int, experiment: Experiment) -> int | None:
+    """Return another experiment with the same curves, even if its file was saved again."""
+    mine = _curves(experiment)
+    for other in sorted(flow.state.finished):
+        theirs = _curves(flow.store.experiment(other))
+        comparable = other != index and len(theirs[0]) and len(mine) == len(theirs)
+        if comparable and all(map(np.array_equal, mine, theirs)):
+            return other
+    return None
+
+
+def _curves(experiment: Experiment) -> list[np.ndarray]:
+    """Return everything that a record holds; outputs only if they are no states."""
+    arrays = [experiment.t, experiment.x, experiment.u]
+    return arrays if experiment.y is None else [*arrays, experiment.y]
+
+
+# --- Attend to a run: let it start, stop it, count it as failed, or try again.
+
+
+def _pending(flow: Flow, index: int, then: str = "nothing was changed") -> Suggested:
+    """Return the pending sample. Raises StaleError unless its index is `index`."""
+    pending = flow.study.pending
+    if pending is None or pending.index != index:
+        raise StaleError(f"experiment {index + 1} is no longer waited for: {then}")
+    return pending
+
+
+class WriteAndStart(Action, frozen=True):
+    """Let the run of the pending sample start, with the values that the person was shown."""
+
+    index: Whole
+    when = frozenset({Phase.CONFIRM})
+    otherwise = "no run is to be confirmed: nothing was written"
+
+    @classmethod
+    def _also(cls, study: Study) -> PrefcalError | None:
+        if study.plant.recovery is Recovery.FAILED:
+            return StaleError("the plant does not have its old values yet: nothing was written")
+        if not study.plant.ready or study.plant.recovery is not Recovery.DONE:
+            return StaleError("the plant's present values are not known yet: nothing was written")
+        return None
+
+    def _take(self, flow: Flow) -> None:
+        run = flow.underway.of(_pending(flow, self.index, "nothing was written"))
+        assert run is not None
+        assert run.changes is not None
+        run.supply(run.changes)
+        run.waits, run.moves_plant = False, True
+        flow.feed(Moment.CONFIRMED)
+
+
+class StopRun(Action, frozen=True):
+    """Stop the run of the pending sample, which then counts as failed."""
+
+    index: Whole
+
+    @classmethod
+    def _also(cls, study: Study) -> PrefcalError | None:
+        running = study.plant.moves if study.plant.asks else study.phase is Phase.RUNNING
+        if not running or study.pending is None:
+            return StaleError("this experiment is not running: nothing was changed")
+        if study.plant.stops:
+            return None
+        if study.plant.asks:
+            return ScenarioError("this run cannot be stopped from here")
+        return ScenarioError("experiments of a built-in scenario run in seconds: wait for this one")
+
+    def _take(self, flow: Flow) -> None:
+        underway, pending = flow.underway, _pending(flow, self.index)
+        run, key = underway.of(pending), theta_key(pending.theta)
+        if underway.source.asks:
+            flow.version += 1
+        elif flow.at_once == 1:
+            for other in (run for name, run in underway.going.items() if name != key):
+                other.stop("given up")  # it runs in the only process
+        if run is not None:
+            run.stop("stopped")
+
+
+class Fail(Action, frozen=True):
+    """Count the run of the pending sample as failed: an experiment without a record."""
+
+    index: Whole
+    reason: Text = ""
+    when = frozenset({Phase.RECORD, Phase.CONFIRM, Phase.FAILED})
+    otherwise = _NOT_FAILING
+
+    @classmethod
+    def _also(cls, study: Study) -> PrefcalError | None:
+        pending = study.pending
+        if pending is None:
+            return StaleError(_NOT_FAILING)
+        if pending.index in study.state.finished:
+            # A later step failed, for example on a full disk: this experiment must not be replaced.
+            return StaleError(f"experiment {pending.index + 1} is saved, it has not failed: try again")
+        return None
+
+    def _take(self, flow: Flow) -> None:
+        key = theta_key(_pending(flow, self.index).theta)
+        noted = [events.Noted(f"experiment {self.index + 1} failed: {self.reason}")] if self.reason else []
+        partial = flow.underway.partial.pop(key, None)
+        flow.append(*noted, (events.Finished(self.index), partial or flow.store.failed(self.index)))
+        flow.proceed()
+
+
+class Retry(Action, frozen=True):
+    """Retry what failed: a run, writing the study file, or restoring a plant's old values.
+
+    Where a run is to be confirmed, read the live plant's present values again.
+    """
+
+    @classmethod
+    def _also(cls, study: Study) -> PrefcalError | None:
+        failed = study.phase in (Phase.FAILED, Phase.CONFIRM) or study.plant.recovery is Recovery.FAILED
+        return None if failed else StaleError("nothing has failed, so there is nothing to try again")
+
+    def _take(self, flow: Flow) -> None:
+        underway, study = flow.underway, flow.study
+        if flow.phase is Phase.CONFIRM or underway.plant.recovery is Recovery.FAILED:
+            underway.plant.is_due()
+            flow.version += 1
+        if flow.phase is Phase.CONFIRM and study.pending is not None:
+            underway.wait_for(study.pending, study.unfinished, anew=True)
+        if flow.phase is Phase.FAILED:
+            flow.feed(Moment.RETRIED)
+            if study.pending is not None and not underway.source.asks:
+                underway.wait_for(study.pending, study.unfinished)
+
+
+# --- End the study, and go on with it.
+
+
+class Finish(Action, frozen=True):
+    """End the study at the person's request."""
+
+    when = frozenset(Phase) - {Phase.OVER}
+    otherwise = "the study has ended already"
+
+    def _take(self, flow: Flow) -> None:
+        best, marks = flow.study.best, flow.state.marks
+        good = best is not None and GOOD_ENOUGH in marks.get(best, frozenset())
+        flow.append(events.Ended(GOOD_ENOUGH if good else "stopped"))
+        flow.proceed()
+
+
+class GoOn(Action, frozen=True):
+    """Reopen the ended study, with `more` additional experiments."""
+
+    more: Annotated[int, Meta(ge=0, le=10_000)] = 0
+    when = frozenset({Phase.OVER})
+    otherwise = "the study has not ended"
+
+    def _take(self, flow: Flow) -> None:
+        state, more = flow.state, self.more
+        if more < 0 or (more == 0 and state.history.answered >= state.n_max):
+            raise StaleError(f"all {state.n_max} experiments are compared: say how many more")
+        extended = [events.Extended(state.n_max + more)] if more else []
+        flow.append(*extended, events.Reopened())
+        flow.become(agent_of(flow.state, flow.store.scenario.space, flow.thoughts.simulator))
+        flow.proceed()
+
+
+# --- List all actions.
+
+ACTIONS: Mapping[str, type[Action]] = MappingProxyType(
+    # WriteAndStart is "write_and_start".
+    {re.sub("(?<!^)(?=[A-Z])", "_", kind.__name__).lower(): kind for kind in Action.__subclasses__()}
+)
+"""All actions by name: what `Now.can` holds, and the page's addresses."""
+
+
+def possible(study: Study) -> frozenset[str]:
+    """Return the names of the actions that can be taken now; screens offer these and no others."""
+    return frozenset(name for name, action in ACTIONS.items() if action.refusal(study) is None)
+
+
+def transitions() -> str:
+    """Return the whole machine as a table: which actions a phase allows, and where each event leads."""
+    heads = ["", *(phase.value for phase in Phase)]
+    rows = [[name, *("can" * (p in action.when) for p in Phase)] for name, action in ACTIONS.items()]
+    for happened, (sources, target) in TRANSITIONS.items():
+        name = happened.value if isinstance(happened, Moment) else happened.__name__
+        rows.append([name, *(target.value * (p in sources) for p in Phase)])
+    lines = [heads, ["---"] * len(heads), *rows]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
