@@ -359,7 +359,6 @@ class Flow:
         source = self.store.scenario.source
         self.study = Study(
             self.agent,
-            self.agent.history,
             self.file.state,
             at_once=self.at_once,
             simulates=self.thoughts.simulator is not None,
@@ -427,7 +426,7 @@ class Flow:
     def become(self, agent: Agent) -> None:
         """Go on with an agent, which learns what the study file says."""
         agent.history = self.state.history
-        self.agent, self.study = agent, replace(self.study, strategy=agent, history=agent.history)
+        self.agent, self.study = agent, replace(self.study, strategy=agent)
 
     def feed(self, moment: Moment, problem: Exception | None = None) -> None:
         """Take note of what happened and is no event of the file."""

@@ -347,7 +347,6 @@ class Study:
 
     Args:
         strategy: What the agent asks after a record.
-        history: Record as the agent goes by it, see `Agent.recorded`.
         state: State after all events, see `prefcal_env.study.fold`.
         at_once: Number of experiments that may be pending at the same time.
         simulates: Whether choosing a query may take simulations.
@@ -359,7 +358,6 @@ class Study:
     """
 
     strategy: Strategy
-    history: History
     state: State
     at_once: int = 1
     simulates: bool = False
@@ -379,6 +377,11 @@ class Study:
             thought=kind in (Led, Suggested, Taken),
             proposed=happened is Moment.RUN,
         )
+
+    @property
+    def history(self) -> History:
+        """Return the record that the agent goes by: that of the study file, nothing is kept twice."""
+        return self.state.history
 
     @property
     def repeats(self) -> bool:
@@ -471,7 +474,7 @@ class Study:
             return False
         if shown.challenger < self.state.history.answered:
             if self.must_think:
-                return True  # until it is known, see `thinking.think`
+                return True  # until the agent has thought, the shown question may be any
             over = self.strategy.is_over(self.history)
             asked = None if over else self.strategy.open(self.history)[1][0]
             if asked is None or asked.incumbent is None:

@@ -17,8 +17,8 @@ TOY = toy_scenario()
 
 def in_memory(agent, state, answers):
     """Drive a study in memory with answers by number; return its last state and what it said."""
-    said, seq, history = [], 1, agent.recorded(state.history)
-    while (todo := Study(agent, history, state).next()) is not Moment.OVER:
+    said, seq = [], 1
+    while (todo := Study(agent, state).next()) is not Moment.OVER:
         said.append(type(todo))
         match todo:
             case Write(event):
@@ -33,7 +33,6 @@ def in_memory(agent, state, answers):
         for event in events:
             seq += 1
             state = step(state, seq, "", event)
-        history = agent.recorded(state.history)
     return state, said
 
 
