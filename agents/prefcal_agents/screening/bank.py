@@ -202,7 +202,7 @@ class Simulations:
         worked = [outcome for outcome in list(self._known.values()) if outcome]
         if len(worked) < _JUDGED:
             return
-        names = Counter(name for outcome in worked for name in outcome)
+        names = Counter([name for outcome in worked for name in outcome])
         name, most = names.most_common(1)[0]
         if most <= len(worked) // _JUDGED:
             raise SimulationError(
