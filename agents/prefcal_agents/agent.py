@@ -652,8 +652,7 @@ class Agent(Strategy):
             thetas = [space.decode(np.array(z)) for z in state.start]
         except KnobError as error:
             raise SettingsError(f"the start of a state: {error}") from error
-        # Not by the constructor: it takes arguments of a kind of agent, and the state has what follows from
-        # them.
+        # Not by the constructor: its arguments differ between agents, and the state has what became of them.
         agent = object.__new__(cls)
         agent._begin(replace(setup, start=start_points(space, thetas, setup.n_max)))
         agent.history = state.history

@@ -341,14 +341,14 @@ class Utilities:
 
     @property
     def counted(self) -> Bool[np.ndarray, "c s"]:
-        """Return the KPIs of each draw of which only whether they differ noticeably counts, (2k, s)."""
+        """Return where only the sign of a noticeable difference counts: KPIs of an order, (2k, s)."""
         own = np.arange(2 * self.normals.shape[1]) < self.normals.shape[1]
         return np.asarray(own[:, None] & (self.ordered > 0))
 
     def gains(
         self, levels: Float[np.ndarray, "c s p"], better: Int[np.ndarray, " a"], worse: Int[np.ndarray, " a"]
     ) -> Float[np.ndarray, "c s a"]:
-        """Return the same in costs, shape (2k, s, a)."""
+        """Return `differences` weighted into costs, shape (2k, s, a)."""
         return np.asarray(self.differences(levels, better, worse) * self.weights.T[:, :, None])
 
     def gain(self, differences: Float[np.ndarray, "c s a"]) -> Float[np.ndarray, "s a"]:
@@ -433,7 +433,7 @@ def _apart(
 
 def noticed(gain: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
     """Return how probably a difference of costs is noticed."""
-    # 3: noticing becomes certain within a third of a just noticeable difference, not at once.
+    # The threshold scatters with a standard deviation of a third of a just noticeable difference.
     return np.asarray(ndtr(3.0 * (gain - 1.0)))
 
 
@@ -925,7 +925,8 @@ def trend(z: Float[np.ndarray, "m n"], costs: Float[np.ndarray, "s m"], row: int
         row: Row of the θ.
     """
     steps = z - z[row]
-    near = np.exp(-0.5 * np.sum(steps**2, axis=1) / (0.2**2 * z.shape[1]))  # within a fifth of the cube
+    # Weights of a normal law, whose deviation is a fifth of the cube's diagonal.
+    near = np.exp(-0.5 * np.sum(steps**2, axis=1) / (0.2**2 * z.shape[1]))
     plane = np.column_stack([np.ones(len(z)), steps])
     weighted = plane.T * near
     # The ridge decides where all near θ share a value of a knob: there the slope is 0.

@@ -489,7 +489,7 @@ class ExpectationPropagation:
             matched = _Rest.of(unit, sites).matched(e)
             change = np.abs(matched.precision - sites.precision) / (1 + sites.precision)
             sites = sites.toward(matched)
-            if change.max(initial=0.0) < 1e-2:
+            if change.max(initial=0.0) < 1e-2:  # relative change of a site's precision
                 break
         rest = _Rest.of(unit, sites)
         mean, _ = dtrtrs(rest.root, rest.half, lower=1, trans=1)
@@ -688,7 +688,7 @@ class _StrictAnswers:
         from scipy.optimize import minimize
 
         n = len(self.apart)
-        expected, sites = np.log(0.35 * np.sqrt(n)), None
+        expected, sites = np.log(0.35 * np.sqrt(n)), None  # median of the prior of a length
 
         def loss(logs: Float[np.ndarray, " n"]) -> tuple[float, Float[np.ndarray, " n"]]:
             nonlocal sites  # each fit starts from the last sites
@@ -696,7 +696,7 @@ class _StrictAnswers:
             posterior = self.posterior(factor, sites)
             sites = posterior.sites
             # Without the prior, few answers would make a length infinite: one that does not matter yet.
-            beyond = logs - expected  # in standard deviations of the prior, which is 1
+            beyond = logs - expected  # in standard deviations of the prior: it is 1
             # ∂K/∂log ℓ_j = -slope u_j.
             gradient = 0.5 * np.einsum("mN,jmN->j", self._pull(factor, posterior) * slope, u)
             value = -posterior.evidence + 0.5 * beyond @ beyond

@@ -2,7 +2,8 @@
 
 Nothing here imports prefcal: `verified.py` compares both. A plant is C (sI - A)^-1 B with dead time, its
 samples are exact (matrix exponentials, also for fractions of a period), and the PID is written from its
-textbook form, as docs/pid.md states it. All plants of a loop advance together, one row each.
+textbook form, as the docstring of `prefcal_env.controllers.PID` states it. All plants of a loop advance
+together, one row each.
 """
 
 from dataclasses import dataclass
@@ -49,7 +50,7 @@ class PID:
 
 
 def drawn(runs: int, seed: int, time: float, gain: float, delay: float) -> np.ndarray:
-    """Return factors of time constants, gain and dead time, uniform within ±, shape (runs, 3)."""
+    """Return factors of time constants, gain and dead time, uniform within ± the shares, shape (runs, 3)."""
     return 1 + np.random.default_rng(seed).uniform(-1, 1, (runs, 3)) * [time, gain, delay]
 
 
@@ -96,7 +97,7 @@ def simulated(
 
 
 def _sampled(A: np.ndarray, B: np.ndarray, T: float, delay: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Return e^(A T), and what the input of before and the one of now add after a period T.
+    """Return e^(A T), and what the previous and the current input add after a period T.
 
     The input of now reaches the plant when the fraction of the dead time has passed.
     """

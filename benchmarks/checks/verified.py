@@ -10,8 +10,8 @@ plant fails if its output runs away, or is not within 5 % of its reference at th
 load. Fragile tunings have a gain close to the largest one with which the nominal loop settles.
 
 Prints Markdown, and fails if a share differs by more than chance allows (Fisher, 1 % for all loops together),
-if more than 1 % of the verdicts on the same plants differ, or if the stated bound is below the share of the
-others in more than 2 of 20.
+if more than one verdict and more than 1 % of them on the same plants differ, or if the stated bound is below
+the share of the others for more than 2 tunings.
 """
 
 import argparse

@@ -336,5 +336,5 @@ def _lasting(m: Linearized, T_s: float, Q: np.ndarray, R: np.ndarray) -> Float[n
             "the outputs do not tell the plant's state: measure more of them, or give every state "
             "that does not decay by itself a process deviation above 0"
         ) from error
-    # The filter takes one half of a covariance for the other, and this one has rounding in both.
+    # The filter assumes a symmetric covariance; the solver's is so only up to rounding.
     return np.asarray((P + P.T) / 2)

@@ -373,7 +373,7 @@ def simc(process: ProcessModel, *, derivative: bool = True) -> Tuning | None:
         T_d = tau[1] if derivative else 0.0
     if not T_i > 0:
         return None
-    # SIMC is for the series form; the controller is of the parallel (ISA) form.
+    # SIMC is for the series form; our PID has the standard (ISA) form.
     factor = 1 + T_d / T_i
     return Tuning(K * factor, T_i * factor, T_d / factor)
 

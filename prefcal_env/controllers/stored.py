@@ -31,7 +31,7 @@ KINDS: dict[str, type[Storable]] = {}
 
 def storable(kind: Kind) -> Kind:
     """Let `as_data` and `from_data` know a class of controllers; it decorates the class."""
-    # By the class's own name, so that a study file needs no table of its own.
+    # By the class's own name, so that best.json needs no table of names.
     KINDS[kind.__name__] = kind
     return kind
 

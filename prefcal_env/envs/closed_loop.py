@@ -109,7 +109,7 @@ def _drive(
                 f"return a prefcal_env.Move, got {brief(move)}: write return Move(u), with u an "
                 "array of shape (n_u,)"
             )
-        # NaN must not reach the plant, where it would end the run as unsafe instead of holding the input.
+        # The plant refuses NaN as a caller's mistake; a controller that failed holds its input instead.
         usable = move.solved and not np.count_nonzero(np.isnan(move.u))
         loop.apply(move.u if usable else measurement.u)
         steps.append((move.iterations, took, usable))
@@ -196,7 +196,9 @@ class ClosedLoop:
                 "only the loop of a PlantEnv can be varied, since it says its plant and task: "
                 f"make its environment one, got {type(env).__name__}"
             )
-        plant, task, targets = env.plant, env.task, getattr(self.kpis, "targets", ())
+        plant, task = env.plant, env.task
+        # Only KPIs that can be measured around another step let the step vary.
+        targets = getattr(self.kpis, "targets", ()) if hasattr(self.kpis, "around") else ()
         moves = moves_of(plant, task, plant.outputs, targets, ENDS) if targets else ()
         why = "a limit of the plant is near" if targets else "the KPIs are those of this step"
         said = () if moves else (f"references and start are not varied: {why}",)

@@ -419,7 +419,7 @@ class PlantEnv(gym.Env[Array, Array]):
         x = np.concatenate([self._x[None], later])
         kept, stopped = self._survived(x)
         if stopped:
-            # Only the start remains, of the first period: no θ can have caused that.
+            # Only the start is left of the first period: f itself may be NaN there.
             if kept == self._steps == 1:
                 check_rate(self.plant, self._x, u, d)
             t, x = t[:kept], x[:kept]
@@ -431,7 +431,7 @@ class PlantEnv(gym.Env[Array, Array]):
             self._end = End.UNSAFE
         elif self.task.settled(step):
             self._end = End.SETTLED
-        # Sums of periods may end just below the horizon.
+        # Rounding may leave the last instant just below the horizon.
         elif self._t >= self.task.horizon * (1 - 1e-12):
             self._end = End.TIME_UP
         return step

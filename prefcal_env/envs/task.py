@@ -182,7 +182,7 @@ class Task:
             object.__setattr__(self, "T_s_range", (1e-6 * self.horizon, self.horizon))
         if self.T_s is None:
             low, high = self.T_s_range
-            # Clipped, since a stated range need not hold a share of the horizon.
+            # Clipped: a stated range need not contain this share of the horizon.
             object.__setattr__(self, "T_s", min(max(self.horizon / 200, low), high))
         if self.dense_step is None:
             object.__setattr__(self, "dense_step", self.horizon / 500)

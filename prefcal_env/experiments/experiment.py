@@ -385,7 +385,7 @@ class Experiment:
         """
         if not len(self.t_control):
             return np.full(len(self.t), np.nan)
-        # "right": at a sampling instant the new reference holds. -1 before the first one, which counts as it.
+        # "right": at a sampling instant the new reference holds. Instants before the first get the first.
         held = np.searchsorted(self.t_control, self.t, side="right") - 1
         return np.asarray(self.y_ref[np.maximum(held, 0), index])
 

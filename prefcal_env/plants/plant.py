@@ -44,12 +44,12 @@ class Plant(Protocol, metaclass=_PlantType):
     your own plant, you only need f and g: see `FunctionPlant`. `Plant.of` is `LinearPlant`, which
     makes a plant of a linear system of python-control or SciPy.
 
-    More attributes are optional: `input_delay` and `output_delay`, tuples with the dead time of
-    each input and output, which environments apply; `entry_delay`, rows with that from each input
-    to each output, and with it `entries(x, u, d)`, what each input, and last anything else, adds to
-    the outputs; `sample_time`, of whose multiples the sampling time of a controller must be one;
-    and `scaled(rates, gains, later)`, which returns the plant with faster states, larger gains of
-    the inputs and longer dead time, each times as much.
+    More attributes are optional: `input_delay` and `output_delay`, tuples with the dead time of each input
+    and output, which environments apply; `entry_delay`, rows with that from each input to each output, and
+    with it `entries(x, u, d)`, what each input, and last anything else, adds to the outputs; `sample_time`,
+    of whose multiples the sampling time of a controller must be one; `named_matrices`, A and B whose rows
+    are time constants with names; and `scaled(rates, gains, later)`, which returns the plant with faster
+    states, larger gains of the inputs and longer dead time, each times as much.
     """
 
     @property
@@ -231,7 +231,7 @@ class _Views(dict[tuple[int | None, int], Float[np.ndarray, " _"]]):
 
     def __missing__(self, key: tuple[int | None, int]) -> Float[np.ndarray, " _"]:
         """Return an array of the numbers at an address."""
-        # Solvers allocate anew, so addresses are not repeated for ever.
+        # Solvers keep allocating new arrays: without this the cache would grow without end.
         if len(self) >= 1000:
             self.clear()
         address, n = key
@@ -373,7 +373,8 @@ def integrate(equations: Equations, x: X, u: U, d: D, times: Times, max_step: fl
     if stiff:
         states = _implicit(max_step, equations.f, *arrays)
     if states is None:
-        # Where both fail f jumps: now steps of a thousandth are taken, whatever their error.
+        # Both failed, as where f jumps again and again: the explicit one goes on although it is stiff, and
+        # takes steps of a thousandth where it meets jumps.
         states, _ = explicit(equations.f, *arrays, max_step, True)
     return np.asarray(states)
 

@@ -371,12 +371,14 @@ class History:
 
         KPIs that came with a retracted answer count too, since the experiment is still valid.
         """
-        told = dict[int, Any]()  # an answer makes outcomes of what it is given
+        told = dict[int, Any]()  # typed as mappings there, but an answer holds `Outcome`s
         for c in self.comparisons:
             for index, kpis in zip((c.challenger, c.incumbent), c.answer.outcomes or (), strict=False):
                 if index is not None and kpis:
                     told.setdefault(index, kpis)
-        return KPIValues.of([told.get(index, _UNKNOWN) for index in range(self.answered)])
+        found = KPIValues.of([told.get(index, _UNKNOWN) for index in range(self.answered)])
+        found.values.setflags(write=False)  # all agents of the record share it
+        return found
 
     @property
     def answered(self) -> int:

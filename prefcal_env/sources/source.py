@@ -455,7 +455,9 @@ class Function(Source):
         self, function: Callable[..., Experiment], varied: Callable[..., Varied] | None = None
     ) -> None:
         self.function = function
-        self._varied = varied or getattr(function, "varied", None)
+        bare = function.func if isinstance(function, partial) else function
+        own = getattr(getattr(bare, "__self__", bare), "varied", None)  # `loop.run` varies as `loop` does
+        self._varied = varied or (own if callable(own) else None)
         channels = getattr(function, "channels", None)
         self.channels = channels if isinstance(channels, Channels) else None
         self.signals = getattr(function, "signals", None)

@@ -83,7 +83,9 @@ STRATEGY = (
     StrategyRow(_every_second_time, _mean),
     StrategyRow(lambda setup, fit: True, _exploration),
 )
-"""What chooses the next sample: the first row that holds. One above the first reaches studies with KPIs.
+"""What chooses the next sample: the first row that holds.
+
+A row above the first also applies where KPIs explain the answers.
 
 Deviation: the paper has the last row only.
 """

@@ -117,7 +117,7 @@ class GLISpSettings(Settings):
         for name in ("epsilon", "least_safe"):
             number(name, getattr(self, name), strict=True)
         for name, limit in (("error_rate", 0.5), ("least_safe", 1)):
-            # At an error rate of one half answers say nothing, and nothing is safe with certainty.
+            # At an error rate of one half answers say nothing, and no model gives a probability of 1.
             if getattr(self, name) >= limit:
                 raise SettingsError(f"{name} must be below {limit}, got {getattr(self, name)!r}")
         choice("rbf", self.rbf, RADIAL_FUNCTIONS)

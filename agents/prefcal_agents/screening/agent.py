@@ -369,7 +369,7 @@ class Screening(Simulating):
         allowed = ~(stage.bank.hopeless | _look_alike(stage, history))
         if row is None or not history.lessons():
             value = expected_best(stage.costs, row)
-            # More than any number of objectives, so that what looks alike comes after all that misses some.
+            # 1000 exceeds any number of objectives: look-alikes come last, whatever the others miss.
             poor = self._poor_beginning(stage, row) + 1000 * ~allowed
             order = np.lexsort([-value, poor])
         else:

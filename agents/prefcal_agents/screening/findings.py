@@ -285,7 +285,7 @@ def _menu(agent: Screening, stage: Stage, past: History, best: int) -> tuple[Alt
 
 
 def _robustness(agent: Screening, stage: Stage, past: History, best: int) -> RobustResult:
-    # What it costs to hold is told by the best θ that need not hold.
+    # The price of keeping the limits: compare with the best θ of all, whether or not it keeps them.
     bank, rival = stage.bank, int(np.argmax(worth(stage.costs).mean(axis=0)))
     kept, other = agent.simulations.runs_kept(bank.thetas[[best, rival]]).tolist()
     if rival == best or other == ENOUGH:

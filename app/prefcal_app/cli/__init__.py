@@ -85,10 +85,23 @@ _MISSING = {
     "AGENT": "name an agent, or your own as path/to/own.py:Agent",
 }
 """Messages for missing arguments, by placeholder."""
-_PLAINER = (
+
+
+def _beyond(found: re.Match[str]) -> str:
+    """Return which limit a number is beyond, where the parser states both."""
+    value, low, high = found.groups()
+    below = low is not None and float(value) < float(low)
+    return f" must be {f'at least {low}' if below else f'at most {high}'}, got {value}"
+
+
+_PLAINER: tuple[tuple[str, str | Callable[[re.Match[str]], str]], ...] = (
     (r"^invalid value for '(.+?)': (?:value error, )?", r"\1: "),
+    # Newer versions of typer ask pydantic, older ones click: both must say the same.
     (r": input should be a (?:valid )?(\w+), unable to parse.*", r": expected an \1"),
-    (r"expected an number", "expected a number"),
+    (r": '(.*)' is not a valid (integer|float)(?: range)?$", r": expected an \2, got \1"),
+    (r"expected an (?:number|float)", "expected a number"),
+    (r": (\S+) is not in the range x>=(\S+)$", r" must be at least \2, got \1"),
+    (r": (\S+) is not in the range (?:(\S+)<=)?x(?:<=(\S+))?$", _beyond),
     (r": input should be greater than or equal to (\S+)", r" must be at least \1"),
     (r": input should be less than or equal to (\S+)", r" must be at most \1"),
     (r"^no such option: (\S+) \(possible options: ([^,)]+).*\)", r"no such option: \1. Did you mean \2?"),

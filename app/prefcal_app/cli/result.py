@@ -87,7 +87,7 @@ def changes(options: Options, state: State) -> Iterator[str]:
             f"This study was begun with version {made} of {agent['agent']}: earlier proposals were made by "
             f"that, the next ones are made by version {by}. Experiments and answers count as before."
         )
-    if unknown := state.configuration["options"].keys() - {*kept_by(Options)}:
+    if unknown := state.configuration["options"].keys() - kept_by(Options).keys():
         yield (
             f"This version of prefcal does not know {', '.join(sorted(unknown))}, with which this study was "
             "begun: it goes on without."

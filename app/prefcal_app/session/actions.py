@@ -299,7 +299,7 @@ class Pace(Action, frozen=True):
     """Ask at most `questions` comparisons per experiment from now on."""
 
     questions: Annotated[int, Meta(ge=1, le=99)]  # no ranking needs more
-    when = frozenset(Phase) - {Phase.FAILED}  # until the retry, the study file and the agent may differ
+    when = frozenset(Phase) - {Phase.FAILED}  # the retry comes first: it may ask under the old limit
     otherwise = _FAILED
 
     @classmethod
@@ -586,8 +586,9 @@ class Fail(Action, frozen=True):
     def _take(self, flow: Flow) -> None:
         key = theta_key(_pending(flow, self.index).theta)
         noted = [events.Noted(f"experiment {self.index + 1} failed: {self.reason}")] if self.reason else []
-        partial = flow.underway.partial.pop(key, None)
+        partial = flow.underway.partial.get(key)
         flow.append(*noted, (events.Finished(self.index), partial or flow.store.failed(self.index)))
+        flow.underway.partial.pop(key, None)  # not before it is saved: on a full disk this is tried again
         flow.proceed()
 
 

@@ -1,4 +1,4 @@
-"""Drive a study: what is under way, what can be done, and each event saved before it counts."""
+"""Drive a study: what is under way, and each event saved before it counts."""
 
 import threading
 from collections import OrderedDict
@@ -407,7 +407,7 @@ class Flow:
     def append(self, *events: Event | tuple[Finished, Experiment]) -> tuple[int, ...]:
         """Save events before anything follows from them; return their numbers.
 
-        The record that the agent goes by is set here and nowhere else.
+        The agent goes by the record that is saved, also if saving was interrupted right after that.
 
         Raises:
             StudyError: If they cannot be saved; then nothing has changed.

@@ -78,8 +78,8 @@ class LookAhead:
     """
 
     def __init__(self, flow: Flow, asked: Question, answer: Answer) -> None:
-        self.asked, self.answer, self.query = asked, answer, flow.agent.ask()
-        self.twin, self.simulates = flow.agent.copy(), flow.thoughts.simulator is not None
+        self.asked, self.answer, self.twin = asked, answer, flow.agent.copy()
+        self.query, self.simulates = self.twin.ask(), flow.thoughts.simulator is not None
         flow.thoughts.prefetch.busy = answer
         flow.thoughts.resume()
 
@@ -237,7 +237,7 @@ class Restore:
 
 
 class GoOn:
-    """Proceed, where nothing takes long."""
+    """Proceed, where nothing is simulated: a proposal takes up to a second."""
 
     def run(self) -> None:
         """Do nothing."""

@@ -222,7 +222,7 @@ class Now:
         problem: Description of the problem, in phase FAILED.
         pending: Sample that is running, awaited or failed; None while it is being proposed.
         incumbent: Index of the best experiment so far; None before the first.
-        can: Names of the steps that the person can take.
+        can: Names of the actions that the person can take.
         state: State of the study file.
         draft: Comment of the answer that was just undone.
         preparing: Part that is being compiled before the first experiment; None when done.
@@ -274,7 +274,6 @@ class Moment(Enum):
 _ANY = frozenset(Phase)
 TRANSITIONS: Mapping[type[Event] | Moment, tuple[frozenset[Phase], Phase]] = MappingProxyType(
     {
-        Shown: (_ANY, Phase.QUESTION),
         Answered: (_ANY, Phase.RUNNING),
         Undone: (_ANY, Phase.RUNNING),
         Requested: (_ANY, Phase.RUNNING),
@@ -294,7 +293,7 @@ TRANSITIONS: Mapping[type[Event] | Moment, tuple[frozenset[Phase], Phase]] = Map
         Moment.OVER: (_ANY, Phase.OVER),
     }
 )
-"""Phases in which something leads to another phase, and to which; whatever is not here changes none."""
+"""For each event or moment: the phases that it changes, and the phase it leads to. Others change no phase."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -391,9 +390,9 @@ class Study:
 
     @property
     def _may_stop(self) -> bool:
-        """Return whether a person answers, who did not go on after an end, and sees or wants no question.
+        """Return whether the study may end by itself.
 
-        Who asks for a θ, or to be asked again, wants the study to go on.
+        It may if a person answers, has not reopened it, and neither sees nor asked for a question.
         """
         state, history = self.state, self.state.history
         person = state.configuration.get("options", {}).get("calibrator") == PERSON
@@ -436,7 +435,8 @@ class Study:
         if self.must_think and not self.thought:
             return Moment.THINK
         leader = strategy.leader(self.history)
-        if leader is not None and leader != self.best:
+        # An agent that learns from scores may lead with a run that is unsafe, which the record never takes.
+        if leader is not None and leader != self.best and leader not in self.history.unsafe():
             return Write(Led(leader))
         if strategy.is_over(self.history):
             return Write(Ended("all compared"))

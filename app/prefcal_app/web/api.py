@@ -84,7 +84,8 @@ def read_json(body: bytes, kind: type[Body]) -> Body:
     try:
         found = msgspec.json.decode(body, type=kind)
         # Defaults are for Python: a page that leaves a field out is that of another version.
-        missing = [name for name in kind.__struct_fields__ if name not in msgspec.json.decode(body)]
+        sent = msgspec.json.decode(body)
+        missing = [name for name in kind.__struct_fields__ if name not in sent]
     except msgspec.ValidationError as error:
         raise MalformedError(f"The request does not fit: {error}.") from error
     except (msgspec.DecodeError, ValueError, RecursionError) as error:

@@ -215,7 +215,8 @@ def run(
 def varied(space: KnobSpace = SPACE) -> Varied:
     """Return what varies of the reactor, for θ in `space`.
 
-    An exponent changes the rate by e^0.3 for 1 %, and the gas constant does not change.
+    1 % of E changes the rate by a factor of e^0.16 to e^0.19 (E / (R T) is 16 to 19), so E varies by 1 %; the
+    gas constant does not vary.
     """
     found = ClosedLoop(cstr_env(), partial(controller, space=space), compute_kpis).varied()
     factors = within(found.factors, {"E": 0.01, "R": 0.0})

@@ -158,7 +158,7 @@ def _tune(plant: Plant, found: Design, loop: Single) -> Single:
     i, j, T_s, channel, point = loop.output, loop.input, found.T_s, loop.channel, found.point
     model = sampled(found.J.part([i], [j]), T_s, found.delay[[i]][:, [j]])
     omega = np.geomspace(1e-4 * np.pi / T_s, 0.999 * np.pi / T_s, 400)
-    # A gain that moves the input over its whole range at the step of the reference: more saturates.
+    # At this gain a step of the reference moves the input to its farther limit: more would saturate at once.
     largest = max(channel.high - point.u[j], point.u[j] - channel.low) / abs(loop.step)
     best = robust(model, omega, np.geomspace(2e-3, 0.25, 26) * np.pi / T_s, largest=largest)
     if best is None:

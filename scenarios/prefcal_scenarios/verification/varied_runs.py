@@ -145,7 +145,7 @@ def verify(
         start: Current tuning, shape (n,), whose KPIs are shown beside; None to leave it out.
         seed: Seed of the variations and of the runs.
         ranges: Relative changes by name or kind of factor, such as {"parameter": 0.2, "dead time":
-            (0.0, 0.2)}; 0 leaves a factor out. See `Factor`.
+            (0.0, 0.2)}; 0 leaves a factor out. See `Ranges`.
         jobs: Number of processes; None for all cores, or this process if all runs are quick.
         timeout: Time limit of each run in seconds; None for an hour in other processes. With one, no run
             happens in this process, so that none can end it.

@@ -146,7 +146,10 @@ def limited(folder, code, *, bytes_):
         text=True,
         check=False,
         preexec_fn=before,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "NUMBA_DISABLE_JIT": "1"},
+        env=os.environ
+        | {"PYTHONPATH": os.pathsep.join(sys.path), "NUMBA_DISABLE_JIT": "1"}
+        # The limit would cut compiled modules short, too, which every later process would load.
+        | {"PYTHONDONTWRITEBYTECODE": "1"},
     )
 
 

@@ -487,13 +487,14 @@ class Loop:
         plant, law = self.plant, isinstance(self.controller, TunedPID | TunedLQR)
         limits, targets = [plant.states[k] for k in plant.measured], enumerate(np.ravel(self.target.start))
         moves = moves_of(plant, self.task, limits, list(targets))
-        build = partial(self._varied, space)
-        varied = VariedLoop(plant, self.task, build, self.controller_of, wears=law, moves=moves)
+        loop = VariedLoop(
+            plant, self.task, partial(self._built, space), self.controller_of, wears=law, moves=moves
+        )
         ideal = "sensors and actuators of an MPC are ideal here: only noise and ranges are varied"
         near = "start, size and direction of the step are not varied: a limit is near the target"
-        return varied.varied(*([] if law else [ideal]), *([] if moves else [near]))
+        return loop.varied(*([] if law else [ideal]), *([] if moves else [near]))
 
-    def _varied(
+    def _built(
         self,
         space: KnobSpace | None,
         plant: Disturbed,

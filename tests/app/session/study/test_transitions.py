@@ -72,7 +72,8 @@ FED = [
     (QUESTION, Moment.RETRIED, QUESTION),
     (CONFIRM, Moment.CONFIRMED, RUNNING),
     (FAILED, Moment.CONFIRMED, FAILED),
-    (RUNNING, Shown(2, 0, True), QUESTION),
+    (RUNNING, Shown(2, 0, True), RUNNING),  # until both experiments are read
+    (RUNNING, Moment.ASKED, QUESTION),
     (QUESTION, Ended("stopped"), OVER),
     (OVER, Reopened(), RUNNING),
 ]
