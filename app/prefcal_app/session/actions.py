@@ -37,7 +37,7 @@ from prefcal_env.study import Suggested
 from prefcal_scenarios.runs import outcome
 from prefcal_scenarios.scenario import check_experiment
 
-from .flow import Flow, Latest
+from .driver import Driver, Latest
 from .study import (
     GOOD_ENOUGH,
     MARKS,
@@ -97,52 +97,52 @@ class Action(Struct, frozen=True, forbid_unknown_fields=True):
             return StaleError("a run on the plant is in progress: stop it first")
         return StaleError(cls.otherwise) if study.phase not in cls.when else cls._also(study)
 
-    def take(self, flow: Flow) -> None:
+    def take(self, driver: Driver) -> None:
         """Save what follows from it, then let it take effect; raise its `refusal` if there is one."""
-        if (refused := self.refusal(flow.standing)) is not None:
+        if (refused := self.refusal(driver.standing)) is not None:
             raise refused
-        self._take(flow)
+        self._take(driver)
 
     @classmethod
     def _also(cls, study: Study) -> PrefcalError | None:
         """Return what else refuses it in these phases."""
         return None
 
-    def _take(self, flow: Flow) -> None:
+    def _take(self, driver: Driver) -> None:
         raise NotImplementedError
 
 
 # --- Judge the open question: answers, marks, undo and retractions.
 
 
-def _open_question(flow: Flow, question: int) -> Question:
+def _open_question(driver: Driver, question: int) -> Question:
     """Return the open question. Raises StaleError unless its id is `question`."""
-    asked = flow.question
+    asked = driver.question
     if asked is None or asked.id != question:
         raise StaleError(CLOSED)
     return asked
 
 
 def _close(
-    flow: Flow, asked: Question, given: preferences.Answer, comment: str = "", blind: bool = False
+    driver: Driver, asked: Question, given: preferences.Answer, comment: str = "", blind: bool = False
 ) -> None:
     """Record the answer, teach it to the agent, and proceed."""
     new, old = asked.challenger.index, asked.incumbent.index
     given = asked.completed(given)
-    flow.append(events.Answered(asked.id, new, old, given, comment, blind))
+    driver.append(events.Answered(asked.id, new, old, given, comment, blind))
     if asked.repeats is None:
-        _go_on(flow, given)
+        _go_on(driver, given)
     else:
-        flow.proceed()
-    flow.latest = Latest(flow.version)
+        driver.proceed()
+    driver.latest = Latest(driver.version)
 
 
-def _go_on(flow: Flow, answer: preferences.Answer) -> None:
+def _go_on(driver: Driver, answer: preferences.Answer) -> None:
     """Go on from an answer that is saved: at once if the agent knows what to ask next."""
-    flow.thoughts.take(answer)
-    if flow.at_once == 1 and flow.agent.knows(flow.agent.history):
-        return flow.proceed()
-    return flow.feed(Moment.THINK)  # a proposal takes time, so `work` computes it
+    driver.thoughts.take(answer)
+    if driver.at_once == 1 and driver.agent.knows(driver.agent.history):
+        return driver.proceed()
+    return driver.feed(Moment.THINK)  # a proposal takes time, so `work` computes it
 
 
 class Answer(Action, frozen=True):
@@ -162,9 +162,9 @@ class Answer(Action, frozen=True):
     when = frozenset({Phase.QUESTION})
     otherwise = CLOSED
 
-    def _take(self, flow: Flow) -> None:
-        asked = _open_question(flow, self.question)
-        _close(flow, asked, asked.answer(self.choice), self.comment, self.blind)
+    def _take(self, driver: Driver) -> None:
+        asked = _open_question(driver, self.question)
+        _close(driver, asked, asked.answer(self.choice), self.comment, self.blind)
 
 
 class Give(Action, frozen=True):
@@ -175,8 +175,8 @@ class Give(Action, frozen=True):
     when = frozenset({Phase.QUESTION})
     otherwise = CLOSED
 
-    def _take(self, flow: Flow) -> None:
-        _close(flow, _open_question(flow, self.question), self.answer)
+    def _take(self, driver: Driver) -> None:
+        _close(driver, _open_question(driver, self.question), self.answer)
 
 
 class Mark(Action, frozen=True):
@@ -192,8 +192,8 @@ class Mark(Action, frozen=True):
     when = frozenset({Phase.QUESTION})
     otherwise = CLOSED
 
-    def _take(self, flow: Flow) -> None:
-        asked = _open_question(flow, self.question)
+    def _take(self, driver: Driver) -> None:
+        asked = _open_question(driver, self.question)
         if self.side not in ("left", "right") or self.mark not in MARKS:
             raise StudyError(f"a mark is one of {MARKS} on left or right, got {self.mark!r} on {self.side!r}")
         which = asked.side(self.side)
@@ -202,8 +202,8 @@ class Mark(Action, frozen=True):
                 f"experiment {which.index + 1} was interrupted as unsafe: it cannot be good enough"
             )
         if self.on != (self.mark in which.marks):
-            flow.append(events.Marked(which.index, self.mark, self.on))
-            flow.show()
+            driver.append(events.Marked(which.index, self.mark, self.on))
+            driver.show()
 
 
 class Undo(Action, frozen=True):
@@ -223,20 +223,20 @@ class Undo(Action, frozen=True):
         has_one = study.state.history.answered > 1 and not last_was_repeat
         return None if has_one else StaleError("there is no answer to undo")
 
-    def _take(self, flow: Flow) -> None:
-        if self.version < flow.latest.version:
+    def _take(self, driver: Driver) -> None:
+        if self.version < driver.latest.version:
             raise StaleError("an answer was given or undone since you looked")
-        draft = flow.latest.draft
-        if not flow.study.repeats:
-            draft = flow.state.history.latest[-1].comment
-            flow.append(events.Undone())
-        flow.proceed()
-        flow.latest = Latest(flow.version, draft)
+        draft = driver.latest.draft
+        if not driver.study.repeats:
+            draft = driver.state.history.latest[-1].comment
+            driver.append(events.Undone())
+        driver.proceed()
+        driver.latest = Latest(driver.version, draft)
 
 
-def closed(flow: Flow, answer: int) -> Comparison:
+def closed(driver: Driver, answer: int) -> Comparison:
     """Return answer number `answer`, see `Past.closed`."""
-    history = flow.state.history
+    history = driver.state.history
     answers = history.comparisons if answer >= 0 else (None, *history.follow_ups)
     if not 1 <= abs(answer) < len(answers):
         what = "answer" if answer >= 0 else "answer to a follow-up comparison"
@@ -261,17 +261,17 @@ class Retract(Action, frozen=True):
         has_one = study.state.history.answered > 1
         return None if has_one else StaleError("there is no answer to retract")
 
-    def _take(self, flow: Flow) -> None:
-        if closed(flow, self.answer).retracted:
+    def _take(self, driver: Driver) -> None:
+        if closed(driver, self.answer).retracted:
             raise StaleError(f"answer {self.answer} is retracted already")
-        if flow.phase is Phase.RUNNING and flow.study.pending is None:
+        if driver.phase is Phase.RUNNING and driver.study.pending is None:
             # Propose the open sample first: it must not depend on this retraction.
-            flow.proceed()
-        flow.append(events.Retracted(self.answer))
-        if flow.phase is Phase.QUESTION:
-            flow.proceed()
+            driver.proceed()
+        driver.append(events.Retracted(self.answer))
+        if driver.phase is Phase.QUESTION:
+            driver.proceed()
         else:
-            flow.version += 1
+            driver.version += 1
 
 
 # --- Say what is asked next: an earlier question, more or fewer, or about a θ of one's own.
@@ -287,12 +287,12 @@ class Repeat(Action, frozen=True):
     def _also(cls, study: Study) -> PrefcalError | None:
         return StaleError(_NOT_REPEATING) if to_repeat(study.state, study.seed) is None else None
 
-    def _take(self, flow: Flow) -> None:
-        again = to_repeat(flow.state, flow.study.seed)
+    def _take(self, driver: Driver) -> None:
+        again = to_repeat(driver.state, driver.study.seed)
         assert again is not None
         assert again.incumbent is not None
         left = not again.challenger_left
-        flow.show(events.Shown(again.challenger, again.incumbent, left, again.question))
+        driver.show(events.Shown(again.challenger, again.incumbent, left, again.question))
 
 
 class Pace(Action, frozen=True):
@@ -308,17 +308,17 @@ class Pace(Action, frozen=True):
             return None
         return SettingsError("only the agent glisp can ask more than one comparison per experiment")
 
-    def _take(self, flow: Flow) -> None:
-        agent = cast(GLISp, flow.agent)
+    def _take(self, driver: Driver) -> None:
+        agent = cast(GLISp, driver.agent)
         changed = agent.with_questions(self.questions)
         if self.questions == agent.settings.questions_per_experiment:
             return
-        flow.append(events.Adjusted({QUESTIONS: self.questions}))
-        flow.become(changed)
-        if flow.phase is Phase.QUESTION:
-            flow.resume()  # discards what was prefetched for this question
+        driver.append(events.Adjusted({QUESTIONS: self.questions}))
+        driver.become(changed)
+        if driver.phase is Phase.QUESTION:
+            driver.resume()  # discards what was prefetched for this question
         else:
-            flow.version += 1
+            driver.version += 1
 
 
 class AskFor(Action, frozen=True):
@@ -332,18 +332,18 @@ class AskFor(Action, frozen=True):
     when = frozenset(Phase) - {Phase.OVER}
     otherwise = "the study has ended: continue it first"
 
-    def _take(self, flow: Flow) -> None:
-        twin, pending, asked = flow.agent.copy(), flow.study.pending, flow.question
+    def _take(self, driver: Driver) -> None:
+        twin, pending, asked = driver.agent.copy(), driver.study.pending, driver.question
         twin.replace_pending(np.array(self.theta))
         sample = twin.history.pending  # others may be pending behind it
         assert sample is not None
-        shown = asked is None or asked.challenger.index == flow.state.history.answered
+        shown = asked is None or asked.challenger.index == driver.state.history.answered
         if pending is not None and pending.theta == sample.theta and shown:
             return  # it is the next one already
-        index = flow.state.history.answered
-        known = flow.finished(index, np.array(sample.theta))
-        flow.append(events.Requested(index, sample.z, sample.theta), *known)
-        flow.proceed()
+        index = driver.state.history.answered
+        known = driver.finished(index, np.array(sample.theta))
+        driver.append(events.Requested(index, sample.z, sample.theta), *known)
+        driver.proceed()
 
 
 class Choose(Action, frozen=True):
@@ -365,21 +365,21 @@ class Choose(Action, frozen=True):
             return None
         return StaleError("nothing is simulated unseen in this study: continue it and ask for a θ")
 
-    def _take(self, flow: Flow) -> None:
-        if flow.study.best != self.best:
+    def _take(self, driver: Driver) -> None:
+        if driver.study.best != self.best:
             raise StaleError("another experiment is the best by now: look at both again")
-        wanted = flow.agent.space.check_allowed(np.array(self.theta))
-        if flow.agent.space.close(wanted, flow.agent.samples).any():
+        wanted = driver.agent.space.check_allowed(np.array(self.theta))
+        if driver.agent.space.close(wanted, driver.agent.samples).any():
             raise ProtocolError("an experiment was run with this θ: it was compared already")
-        reason = flow.state.ended
+        reason = driver.state.ended
         assert reason is not None
-        GoOn(int(flow.state.history.answered >= flow.state.n_max)).take(flow)
-        AskFor(tuple(wanted.tolist())).take(flow)
-        asked, samples = flow.question, flow.state.history.samples
+        GoOn(int(driver.state.history.answered >= driver.state.n_max)).take(driver)
+        AskFor(tuple(wanted.tolist())).take(driver)
+        asked, samples = driver.question, driver.state.history.samples
         if asked is not None and np.array_equal(samples[asked.challenger.index].theta, wanted):
-            _close(flow, asked, preferences.Answer(Preference.CHALLENGER, marks=asked.marks))
-            flow.append(events.Ended(reason))
-            flow.proceed()
+            _close(driver, asked, preferences.Answer(Preference.CHALLENGER, marks=asked.marks))
+            driver.append(events.Ended(reason))
+            driver.proceed()
 
 
 # --- Supply the record of a rig, which can be previewed and replaced.
@@ -426,58 +426,58 @@ class Record(Action, frozen=True):
         due = study.phase is Phase.RECORD or study.state.finished
         return None if due else StaleError(_NOT_DUE)
 
-    def preview(self, flow: Flow) -> Preview:
+    def preview(self, driver: Driver) -> Preview:
         """Read the record, and save nothing; raise RecordError if it or the θ that was set is refused."""
-        if (refused := self.refusal(flow.standing)) is not None:
+        if (refused := self.refusal(driver.standing)) is not None:
             raise refused
-        pending, finished, index = flow.study.pending, flow.state.finished, self.index
-        due = flow.phase is Phase.RECORD and pending is not None and pending.index == index
+        pending, finished, index = driver.study.pending, driver.state.finished, self.index
+        due = driver.phase is Phase.RECORD and pending is not None and pending.index == index
         if not due and index not in finished:
             raise StaleError(f"experiment {index + 1} is no longer waited for: nothing was changed")
-        theta = self._dialed(flow)
+        theta = self._dialed(driver)
         if theta is None:
-            theta = np.array(flow.state.history.samples[index].theta)
-        run = flow.underway.source.begin(theta, seed=flow.study.seed)
+            theta = np.array(driver.state.history.samples[index].theta)
+        run = driver.underway.source.begin(theta, seed=driver.study.seed)
         run.supply(Table(self.content, self.unsafe))
-        experiment = check_experiment(flow.store.scenario, theta, run.advance())
-        standing = [c for c in flow.state.history.counting if c.incumbent is not None and not c.retracted]
+        experiment = check_experiment(driver.store.scenario, theta, run.advance())
+        standing = [c for c in driver.state.history.counting if c.incumbent is not None and not c.retracted]
         retracts = sum(index in (c.challenger, c.incumbent) for c in standing)
-        return Preview(experiment, _same(flow, index, experiment), retracts)
+        return Preview(experiment, _same(driver, index, experiment), retracts)
 
-    def _take(self, flow: Flow) -> None:
-        seen, index = self.preview(flow), self.index
+    def _take(self, driver: Driver) -> None:
+        seen, index = self.preview(driver), self.index
         if seen.same is not None and not self.again:
             raise RecordError(
                 f"these are the curves of experiment {seen.same + 1}: is it the file of another run?"
             )
-        theta = self._dialed(flow)
+        theta = self._dialed(driver)
         before: list[events.Event] = []
         if theta is not None:
-            z = flow.store.scenario.space.encode(theta)
+            z = driver.store.scenario.space.encode(theta)
             before.append(events.Dialed(index, tuple(z.tolist()), tuple(theta.tolist())))
-        replaces, asked = index in flow.state.finished, flow.question is not None
+        replaces, asked = index in driver.state.finished, driver.question is not None
         if replaces:
-            known = Outcome(outcome(flow.store.scenario, seen.experiment)).to_dict()
+            known = Outcome(outcome(driver.store.scenario, seen.experiment)).to_dict()
             before.append(events.Replaced(index, known, counts_as_unsafe(seen.experiment)))
-        flow.append(*before, (events.Finished(index), seen.experiment))
+        driver.append(*before, (events.Finished(index), seen.experiment))
         if not replaces or asked:
-            flow.proceed()  # a question about the wrong curves is asked again, under another id
+            driver.proceed()  # a question about the wrong curves is asked again, under another id
         else:
-            flow.feed(Moment.RECORD)  # that of the pending sample is still waited for
+            driver.feed(Moment.RECORD)  # that of the pending sample is still waited for
 
-    def _dialed(self, flow: Flow) -> Float[np.ndarray, " n"] | None:
+    def _dialed(self, driver: Driver) -> Float[np.ndarray, " n"] | None:
         """Return the θ that was really set, shape (n,); None if it equals the sample's."""
         if self.theta is None:
             return None
-        index, space = self.index, flow.store.scenario.space
+        index, space = self.index, driver.store.scenario.space
         try:
             theta = space.decode(space.encode(space.check_allowed(np.array(self.theta))))
         except KnobError as error:
             raise RecordError(f"what you set cannot be learned from: {error}") from error
-        samples = flow.state.history.samples
+        samples = driver.state.history.samples
         if np.array_equal(theta, samples[index].theta):
             return None
-        if index != flow.state.history.answered:
+        if index != driver.state.history.answered:
             raise RecordError(f"experiment {index + 1} was compared already: its θ stays")
         for i, earlier in enumerate(samples[:index]):
             if np.array_equal(theta, earlier.theta):
@@ -485,11 +485,11 @@ class Record(Action, frozen=True):
         return theta
 
 
-def _same(flow: Flow, index: int, experiment: Experiment) -> int | None:
+def _same(driver: Driver, index: int, experiment: Experiment) -> int | None:
     """Return another experiment with the same curves, even if its file was saved again."""
     mine = _curves(experiment)
-    for other in sorted(flow.state.finished):
-        theirs = _curves(flow.store.experiment(other))
+    for other in sorted(driver.state.finished):
+        theirs = _curves(driver.store.experiment(other))
         comparable = other != index and len(theirs[0]) and len(mine) == len(theirs)
         if comparable and all(map(np.array_equal, mine, theirs)):
             return other
@@ -505,9 +505,9 @@ def _curves(experiment: Experiment) -> list[np.ndarray]:
 # --- Attend to a run: let it start, stop it, count it as failed, or try again.
 
 
-def _pending(flow: Flow, index: int, then: str = "nothing was changed") -> Suggested:
+def _pending(driver: Driver, index: int, then: str = "nothing was changed") -> Suggested:
     """Return the pending sample. Raises StaleError unless its index is `index`."""
-    pending = flow.study.pending
+    pending = driver.study.pending
     if pending is None or pending.index != index:
         raise StaleError(f"experiment {index + 1} is no longer waited for: {then}")
     return pending
@@ -528,13 +528,13 @@ class WriteAndStart(Action, frozen=True):
             return StaleError("the plant's present values are not known yet: nothing was written")
         return None
 
-    def _take(self, flow: Flow) -> None:
-        run = flow.underway.of(_pending(flow, self.index, "nothing was written"))
+    def _take(self, driver: Driver) -> None:
+        run = driver.underway.of(_pending(driver, self.index, "nothing was written"))
         assert run is not None
         assert run.changes is not None
         run.supply(run.changes)
         run.waits, run.moves_plant = False, True
-        flow.feed(Moment.CONFIRMED)
+        driver.feed(Moment.CONFIRMED)
 
 
 class StopRun(Action, frozen=True):
@@ -553,12 +553,12 @@ class StopRun(Action, frozen=True):
             return ScenarioError("this run cannot be stopped from here")
         return ScenarioError("experiments of a built-in scenario run in seconds: wait for this one")
 
-    def _take(self, flow: Flow) -> None:
-        underway, pending = flow.underway, _pending(flow, self.index)
+    def _take(self, driver: Driver) -> None:
+        underway, pending = driver.underway, _pending(driver, self.index)
         run, key = underway.of(pending), theta_key(pending.theta)
         if underway.source.asks:
-            flow.version += 1
-        elif flow.at_once == 1:
+            driver.version += 1
+        elif driver.at_once == 1:
             for other in (run for name, run in underway.going.items() if name != key):
                 other.stop("given up")  # it runs in the only process
         if run is not None:
@@ -583,13 +583,13 @@ class Fail(Action, frozen=True):
             return StaleError(f"experiment {pending.index + 1} is saved, it has not failed: try again")
         return None
 
-    def _take(self, flow: Flow) -> None:
-        key = theta_key(_pending(flow, self.index).theta)
+    def _take(self, driver: Driver) -> None:
+        key = theta_key(_pending(driver, self.index).theta)
         noted = [events.Noted(f"experiment {self.index + 1} failed: {self.reason}")] if self.reason else []
-        partial = flow.underway.partial.get(key)
-        flow.append(*noted, (events.Finished(self.index), partial or flow.store.failed(self.index)))
-        flow.underway.partial.pop(key, None)  # not before it is saved: on a full disk this is tried again
-        flow.proceed()
+        partial = driver.underway.partial.get(key)
+        driver.append(*noted, (events.Finished(self.index), partial or driver.store.failed(self.index)))
+        driver.underway.partial.pop(key, None)  # not before it is saved: on a full disk this is tried again
+        driver.proceed()
 
 
 class Retry(Action, frozen=True):
@@ -603,15 +603,15 @@ class Retry(Action, frozen=True):
         failed = study.phase in (Phase.FAILED, Phase.CONFIRM) or study.plant.recovery is Recovery.FAILED
         return None if failed else StaleError("nothing has failed, so there is nothing to try again")
 
-    def _take(self, flow: Flow) -> None:
-        underway, study = flow.underway, flow.study
-        if flow.phase is Phase.CONFIRM or underway.plant.recovery is Recovery.FAILED:
+    def _take(self, driver: Driver) -> None:
+        underway, study = driver.underway, driver.study
+        if driver.phase is Phase.CONFIRM or underway.plant.recovery is Recovery.FAILED:
             underway.plant.is_due()
-            flow.version += 1
-        if flow.phase is Phase.CONFIRM and study.pending is not None:
+            driver.version += 1
+        if driver.phase is Phase.CONFIRM and study.pending is not None:
             underway.wait_for(study.pending, study.unfinished, anew=True)
-        if flow.phase is Phase.FAILED:
-            flow.feed(Moment.RETRIED)
+        if driver.phase is Phase.FAILED:
+            driver.feed(Moment.RETRIED)
             if study.pending is not None and not underway.source.asks:
                 underway.wait_for(study.pending, study.unfinished)
 
@@ -625,11 +625,11 @@ class Finish(Action, frozen=True):
     when = frozenset(Phase) - {Phase.OVER}
     otherwise = "the study has ended already"
 
-    def _take(self, flow: Flow) -> None:
-        best, marks = flow.study.best, flow.state.marks
+    def _take(self, driver: Driver) -> None:
+        best, marks = driver.study.best, driver.state.marks
         good = best is not None and GOOD_ENOUGH in marks.get(best, frozenset())
-        flow.append(events.Ended(GOOD_ENOUGH if good else "stopped"))
-        flow.proceed()
+        driver.append(events.Ended(GOOD_ENOUGH if good else "stopped"))
+        driver.proceed()
 
 
 class GoOn(Action, frozen=True):
@@ -639,14 +639,14 @@ class GoOn(Action, frozen=True):
     when = frozenset({Phase.OVER})
     otherwise = "the study has not ended"
 
-    def _take(self, flow: Flow) -> None:
-        state, more = flow.state, self.more
+    def _take(self, driver: Driver) -> None:
+        state, more = driver.state, self.more
         if more < 0 or (more == 0 and state.history.answered >= state.n_max):
             raise StaleError(f"all {state.n_max} experiments are compared: say how many more")
         extended = [events.Extended(state.n_max + more)] if more else []
-        flow.append(*extended, events.Reopened())
-        flow.become(agent_of(flow.state, flow.store.scenario.space, flow.thoughts.simulator))
-        flow.proceed()
+        driver.append(*extended, events.Reopened())
+        driver.become(agent_of(driver.state, driver.store.scenario.space, driver.thoughts.simulator))
+        driver.proceed()
 
 
 # --- List all actions.

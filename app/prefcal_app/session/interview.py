@@ -35,7 +35,7 @@ from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
 
 from . import runs
 from .actions import Action, Preview, Record, closed, possible
-from .flow import Flow, Thoughts
+from .driver import Driver, Thoughts
 from .study import (
     ExperimentStore,
     Moment,
@@ -60,47 +60,47 @@ class Known:
     """What is known of an interview, readable from any thread.
 
     Args:
-        flow: Flow of the interview.
+        driver: Driver of the interview.
         scenario: Function that returns its scenario, with KPIs found in its experiments.
     """
 
-    def __init__(self, flow: Flow, scenario: Callable[[], Scenario]) -> None:
-        self._flow, self._scenario = flow, scenario
+    def __init__(self, driver: Driver, scenario: Callable[[], Scenario]) -> None:
+        self._driver, self._scenario = driver, scenario
 
     @property
     def counts(self) -> Counts:
         """Return the numbers of experiments and comparisons."""
-        return Counts.of(self._flow.state)
+        return Counts.of(self._driver.state)
 
     @property
     def planned(self) -> Planned:
         """Return how many questions the study asks."""
-        with self._flow.changed:
-            return Planned.of(self._flow.agent)
+        with self._driver.changed:
+            return Planned.of(self._driver.agent)
 
     @property
     def n_max(self) -> int:
         """Return the planned number of experiments; fewer if the space holds fewer θ."""
-        return self._flow.agent.n_max
+        return self._driver.agent.n_max
 
     @property
     def questions(self) -> int | None:
         """Return the maximum number of comparisons per experiment; None if it is fixed at 1."""
-        agent = self._flow.agent
+        agent = self._driver.agent
         return cast(GLISp, agent).settings.questions_per_experiment if agent.paced else None
 
     @property
     def simulated(self) -> Simulated | None:
         """Return how many θ were simulated unseen; None if the agent simulates nothing."""
-        return simulated(self._flow)
+        return simulated(self._driver)
 
     @property
     def surrogate(self) -> Surrogate | None:
         """Return the learned cost of m physical θ, lower is better; None if nothing is learned."""
-        closed = self._flow.state.history.comparisons
+        closed = self._driver.state.history.comparisons
         learned = any(c.answer.preference is not None and not c.retracted for c in closed)
         # A copy, since the surrogate must not change while it is shown.
-        return getattr(self._flow.agent.copy(), "surrogate", None) if learned else None
+        return getattr(self._driver.agent.copy(), "surrogate", None) if learned else None
 
     @property
     def _promise(self) -> str | None:
@@ -108,13 +108,13 @@ class Known:
         if self.screens:
             found = self.findings
             return (promise(found) or None) if found is not None else None
-        closed = self._flow.state.history.comparisons
+        closed = self._driver.state.history.comparisons
         return self.promise if sum(c.verdict is not None for c in closed) >= _LEAST else None
 
     @property
     def promise(self) -> str:
         """Return what the next experiment can bring; empty if unknown, and if the person chose it."""
-        study = self._flow.study
+        study = self._driver.study
         pending, requested = study.pending, study.state.requested
         index, found = None if pending is None else pending.index, self.foresight()
         return "" if found is None or index in requested else foreseen(found.chance, index)
@@ -124,7 +124,7 @@ class Known:
 
         With `learn`, or if no threads work in the background, it is worked out here and now.
         """
-        agent, learn = self._flow.agent.copy(), learn or not self._flow.has_background
+        agent, learn = self._driver.agent.copy(), learn or not self._driver.has_background
         if not isinstance(agent, GLISp) or not (learn or agent.foresees):
             return None
         return agent.foresight
@@ -135,7 +135,7 @@ class Known:
         best, promise = self._best(), self._promise
         if promise is None or best is None:
             return None
-        state, place, by_value = self._flow.state, self._flow.file.path, self._flow.agent.by_value
+        state, place, by_value = self._driver.state, self._driver.file.path, self._driver.agent.by_value
         space = self._scenario().space
         found = outlook(promise, best.theta, space, place, state, missed=self.missed, helps=self._helps)
         said = self.findings
@@ -156,10 +156,10 @@ class Known:
         return falls_outward(surrogate, self._scenario().space, best.theta, knob, upper)
 
     def _best(self) -> Experiment | None:
-        flow = self._flow
-        with flow.changed:
-            best = flow.study.best
-            return None if best is None else flow.store.experiment(best)
+        driver = self._driver
+        with driver.changed:
+            best = driver.study.best
+            return None if best is None else driver.store.experiment(best)
 
     @property
     def missed(self) -> list[str]:
@@ -172,7 +172,7 @@ class Known:
     @property
     def screens(self) -> bool:
         """Return whether the agent simulates θ that are not shown."""
-        return simulates(self._flow.agent)
+        return simulates(self._driver.agent)
 
     @property
     def findings(self) -> Findings | None:
@@ -180,24 +180,28 @@ class Known:
 
         None for agents that simulate nothing, and before it is worked out.
         """
-        with self._flow.changed:
-            return self._flow.findings
+        with self._driver.changed:
+            return self._driver.findings
 
     def screened(self, *, current: bool = True) -> Screened | None:
         """Return what was simulated; None for other agents and before it is known.
 
         With `current`, what was known before the latest answer counts as unknown.
         """
-        with self._flow.changed:
-            return self._flow.thoughts.grounds(self._flow.agent) if current else self._flow.thoughts.screened
+        with self._driver.changed:
+            return (
+                self._driver.thoughts.grounds(self._driver.agent)
+                if current
+                else self._driver.thoughts.screened
+            )
 
     @property
     def is_told(self) -> bool:
         """Return whether all is said that will be, of the open question or of the result."""
-        flow = self._flow
-        with flow.changed:
-            over, found = flow.phase is Phase.OVER, flow.findings
-            if flow.thoughts.simulator is None or flow.thoughts.prefetch.silent:
+        driver = self._driver
+        with driver.changed:
+            over, found = driver.phase is Phase.OVER, driver.findings
+            if driver.thoughts.simulator is None or driver.thoughts.prefetch.silent:
                 return True
             return found is not None and (not over or (found.over and found.complete))
 
@@ -206,62 +210,64 @@ class Known:
 
         It does not wait if nothing works in the background.
         """
-        flow = self._flow
-        with flow.changed:
-            flow.changed.wait_for(lambda: self.is_told or flow.closing or not flow.has_background, timeout)
+        driver = self._driver
+        with driver.changed:
+            driver.changed.wait_for(
+                lambda: self.is_told or driver.closing or not driver.has_background, timeout
+            )
             return self.is_told
 
     @property
     def index(self) -> LearnedCost | None:
         """Return the cost learned from answers and KPIs; None while they say nothing about it."""
-        flow = self._flow
-        with flow.changed:
-            history, seed = known_outcomes(flow.state, flow.store), flow.study.seed
+        driver = self._driver
+        with driver.changed:
+            history, seed = known_outcomes(driver.state, driver.store), driver.study.seed
         return index_of(history, seed)
 
     @property
     def consistency(self) -> Consistency:
         """Return how consistent the answers are."""
-        return Consistency.of(self._flow.state)
+        return Consistency.of(self._driver.state)
 
 
-def simulated(flow: Flow) -> Simulated | None:
+def simulated(driver: Driver) -> Simulated | None:
     """Return how many θ were simulated unseen; None if the agent simulates nothing."""
-    simulator, screened = flow.thoughts.simulator, flow.thoughts.screened
+    simulator, screened = driver.thoughts.simulator, driver.thoughts.screened
     if simulator is None:
         return None
-    agent = cast(Screening, flow.agent)
+    agent = cast(Screening, driver.agent)
     planned = agent.n_simulated
     # What was simulated for answers that were not given is not counted.
-    shown = len(flow.state.finished)
+    shown = len(driver.state.finished)
     count, failed = min(simulator.count, planned), simulator.failed
     if screened is not None:
         count, failed = len(screened.bank), int(screened.bank.failed.sum())
     # Equal θ run once: where nothing is simulated any more, fewer than that were.
-    twin, due = flow.thoughts.twin is not None, agent.due if simulator.busy else 0
+    twin, due = driver.thoughts.twin is not None, agent.due if simulator.busy else 0
     return Simulated(count, planned, failed, shown, twin=twin, due=due)
 
 
 class Past:
     """Experiments and answers of an interview, readable from any thread."""
 
-    def __init__(self, flow: Flow) -> None:
-        self._flow = flow
+    def __init__(self, driver: Driver) -> None:
+        self._driver = driver
 
     def experiment(self, index: int) -> Experiment:
         """Return experiment `index`, from 0. Raises StudyError if there is none."""
-        with self._flow.changed:
-            return self._flow.store.experiment(index)
+        with self._driver.changed:
+            return self._driver.store.experiment(index)
 
     def end(self, index: int) -> End:
         """Return how experiment `index`, from 0, ended. Raises StudyError if there is none."""
-        with self._flow.changed:
-            return self._flow.store.end(index)
+        with self._driver.changed:
+            return self._driver.store.end(index)
 
     def asked(self, answer: int) -> Question:
         """Return answered question `answer` as it was shown. Raises StaleError if there is none."""
-        with self._flow.changed:
-            return self._flow.store.asked(closed(self._flow, answer))
+        with self._driver.changed:
+            return self._driver.store.asked(closed(self._driver, answer))
 
     def closed(self, answer: int) -> Comparison:
         """Return answer number `answer`, from 1; -1, -2, ... are follow-up comparisons.
@@ -269,19 +275,19 @@ class Past:
         Raises:
             StaleError: If there is none.
         """
-        return closed(self._flow, answer)
+        return closed(self._driver, answer)
 
     def comparisons(self, start: int = 0) -> tuple[Compared, ...]:
         """Return every closed query from number `start` on, including the first experiment's."""
-        with self._flow.changed:
+        with self._driver.changed:
             return tuple(
-                self._flow.store.comparison(i) for i in range(start, self._flow.state.history.answered)
+                self._driver.store.comparison(i) for i in range(start, self._driver.state.history.answered)
             )
 
     def answered(self) -> tuple[Compared, ...]:
         """Return the comparisons whose answers stand, in order, follow-up comparisons included."""
-        with self._flow.changed:
-            return tuple(self._flow.store.compared(closed) for closed in answered(self._flow.state))
+        with self._driver.changed:
+            return tuple(self._driver.store.compared(closed) for closed in answered(self._driver.state))
 
 
 # --- Run an interview: an agent, a study file, and the open question.
@@ -337,13 +343,13 @@ class Interview:
             twin = simulator.scenario
         agent = agent_of(file.state, scenario.space, simulator)
         store = ExperimentStore(scenario, file)
-        self._flow = Flow(file, store, agent, Thoughts(simulator, twin), at_once)
-        self.past = Past(self._flow)
-        self.known = Known(self._flow, lambda: self.scenario)
+        self._driver = Driver(file, store, agent, Thoughts(simulator, twin), at_once)
+        self.past = Past(self._driver)
+        self.known = Known(self._driver, lambda: self.scenario)
         self._preparing: Compiling | None = None
         self._idle_at: int | None = None
         if asks:
-            self._flow.resume()
+            self._driver.resume()
 
     @property
     def scenario(self) -> Scenario:
@@ -353,46 +359,46 @@ class Interview:
         """
         if not finds_kpis(self._scenario):
             return self._scenario
-        flow = self._flow
-        with flow.changed:
-            measured = flow.store.first_measured()
+        driver = self._driver
+        with driver.changed:
+            measured = driver.store.first_measured()
             if measured is not None:
                 self._scenario = with_found_kpis(self._scenario, measured)
             return self._scenario
 
     def now(self) -> Now:
         """Return a consistent view of the current state."""
-        flow = self._flow
-        with flow.changed:
-            study, underway = flow.study, flow.underway
+        driver = self._driver
+        with driver.changed:
+            study, underway = driver.study, driver.underway
             return Now(
-                version=flow.version,
-                phase=flow.phase,
-                question=flow.question,
-                problem=None if flow.problem is None else in_words(flow.problem),
+                version=driver.version,
+                phase=driver.phase,
+                question=driver.question,
+                problem=None if driver.problem is None else in_words(driver.problem),
                 pending=study.pending,
                 incumbent=study.best,
-                can=possible(flow.standing),
-                state=flow.state,
+                can=possible(driver.standing),
+                state=driver.state,
                 preparing=self._preparing,
-                draft=flow.latest.draft,
+                draft=driver.latest.draft,
                 run_limit=underway.source.limit,
-                simulated=simulated(flow),
-                running=len(underway.going) if flow.at_once > 1 else 0,
+                simulated=simulated(driver),
+                running=len(underway.going) if driver.at_once > 1 else 0,
                 plant=underway.plant_now(study.pending),
             )
 
     def wait(self, version: int, timeout: float) -> Now:
         """Return as soon as the version differs from `version`, or after `timeout` seconds."""
-        flow = self._flow
-        with flow.changed:
-            flow.changed.wait_for(lambda: flow.version != version or flow.closing, timeout)
+        driver = self._driver
+        with driver.changed:
+            driver.changed.wait_for(lambda: driver.version != version or driver.closing, timeout)
             return self.now()
 
     @property
     def at_once(self) -> int:
         """Return the number of experiments that run at the same time."""
-        return self._flow.at_once
+        return self._driver.at_once
 
     def look_at(self, theta: Float[np.ndarray, " n"]) -> Experiment:
         """Return the experiment of a simulated `theta`, shape (n,), and record nothing.
@@ -403,7 +409,7 @@ class Interview:
             ScenarioError: If the agent does not simulate, or the simulation failed.
             KnobError: If the space does not hold `theta`.
         """
-        return runs.look_at(self._flow, theta)
+        return runs.look_at(self._driver, theta)
 
     def do(self, action: Action) -> Now:
         """Take an action if that is possible now, and return what is then to be seen.
@@ -412,19 +418,19 @@ class Interview:
             StaleError: If it comes too late, for example from a second tab; nothing is recorded.
             StudyError: If the file cannot be written; nothing has changed then.
         """
-        with self._flow.changing():
-            action.take(self._flow)
+        with self._driver.changing():
+            action.take(self._driver)
             return self.now()
 
     def preview(self, record: Record) -> Preview:
         """Read a rig's record, and save nothing. Raises RecordError if it is refused."""
-        with self._flow.changed:
-            return record.preview(self._flow)
+        with self._driver.changed:
+            return record.preview(self._driver)
 
     @property
     def drives(self) -> bool:
         """Return whether a run on a live plant is in progress; it takes no lock."""
-        return self._flow.underway.moves_plant
+        return self._driver.underway.moves_plant
 
     # Work in the background.
 
@@ -436,7 +442,7 @@ class Interview:
 
         def tell(part: Compiling | None) -> None:
             self._preparing = part
-            self._flow.tell()
+            self._driver.tell()
             if part is not None:
                 report(part)
 
@@ -448,59 +454,59 @@ class Interview:
 
     def work(self) -> bool:
         """Do the next piece of work; False if there is none. The long part holds no lock."""
-        flow = self._flow
-        with flow.changing():
+        driver = self._driver
+        with driver.changing():
             # Never start a plant after closing: a person may already stand at it.
-            before = flow.version
-            job = None if flow.closing else runs.due(flow, ahead=self._runs_ahead)
-            took = flow.version != before  # a result that was known already
-            self._idle_at = None if job or took else flow.version
+            before = driver.version
+            job = None if driver.closing else runs.due(driver, ahead=self._runs_ahead)
+            took = driver.version != before  # a result that was known already
+            self._idle_at = None if job or took else driver.version
         if job is None:
             return took
         try:
             found = job.run()
-            with flow.changing():
-                job.finish(flow, found)
+            with driver.changing():
+                job.finish(driver, found)
         except Exception as error:
             # Keep the thread alive: the problem is shown and can be retried.
-            with flow.changing():
-                flow.feed(Moment.BROKEN, error)
+            with driver.changing():
+                driver.feed(Moment.BROKEN, error)
         return True
 
     def wait_for_work(self, timeout: float = 0.5) -> bool:
         """Wait until there may be work; return False once the interview is closed."""
-        flow = self._flow
-        with flow.changed:
-            flow.has_background = True
-            flow.changed.wait_for(lambda: flow.closing or flow.version != self._idle_at, timeout)
-            return not flow.closing
+        driver = self._driver
+        with driver.changed:
+            driver.has_background = True
+            driver.changed.wait_for(lambda: driver.closing or driver.version != self._idle_at, timeout)
+            return not driver.closing
 
     def raise_problem(self) -> None:
         """Raise the problem if the phase is FAILED."""
-        if (problem := self._flow.problem) is not None:
+        if (problem := self._driver.problem) is not None:
             raise problem
 
     def close(self) -> None:
         """Take no more work and end a run of the user's scenario; the study file stays open."""
-        flow = self._flow
-        with flow.changed:
-            flow.closing = True
-            flow.underway.stop("given up")
-            if flow.thoughts.simulator is not None:
-                flow.thoughts.simulator.abandon()
-            flow.changed.notify_all()
+        driver = self._driver
+        with driver.changed:
+            driver.closing = True
+            driver.underway.stop("given up")
+            if driver.thoughts.simulator is not None:
+                driver.thoughts.simulator.abandon()
+            driver.changed.notify_all()
 
     @property
     def is_closed(self) -> bool:
         """Return whether `close` was called."""
-        return self._flow.closing
+        return self._driver.closing
 
     def _simulating(self) -> None:
         """Tell front ends how far the simulations are while they say nothing else."""
-        flow = self._flow
-        with flow.changing():
-            if flow.phase is Phase.RUNNING or flow.thoughts.screened is None:
-                flow.version += 1
+        driver = self._driver
+        with driver.changing():
+            if driver.phase is Phase.RUNNING or driver.thoughts.screened is None:
+                driver.version += 1
 
 
 def _simulator(scenario: Scenario, file: StudyFile) -> Simulator | None:

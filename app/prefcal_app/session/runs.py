@@ -21,7 +21,7 @@ from prefcal_env.study import Concluded, Failed, Finished, Suggested, Taken
 from prefcal_env.wording import as_exception, in_words
 from prefcal_scenarios.scenario import Scenario, check_experiment
 
-from .flow import LIKELIEST, LIKELY, Flow
+from .driver import LIKELIEST, LIKELY, Driver
 from .study import Moment, Phase, Question, Recovery
 
 # --- Let the agent choose queries in the background: it may simulate for seconds, without a lock.
@@ -36,21 +36,21 @@ class Job(Protocol[Found]):
     def run(self) -> Found:
         """Do what takes long, without the lock, and return what came of it."""
 
-    def finish(self, flow: Flow, found: Found) -> None:
+    def finish(self, driver: Driver, found: Found) -> None:
         """Take what came of it, with the lock held again: the person may have done anything meanwhile."""
 
 
-class Choose:
+class Think:
     """Choose the next query, then show it or run its experiment.
 
     A copy of the agent does it, since the person may undo or retract an answer meanwhile.
     """
 
-    def __init__(self, flow: Flow) -> None:
-        self.history, self.twin = flow.agent.history, flow.agent.copy()
-        self.simulates = flow.thoughts.simulator is not None
-        flow.thoughts.about = self.history
-        flow.thoughts.resume()
+    def __init__(self, driver: Driver) -> None:
+        self.history, self.twin = driver.agent.history, driver.agent.copy()
+        self.simulates = driver.thoughts.simulator is not None
+        driver.thoughts.about = self.history
+        driver.thoughts.resume()
 
     def run(self) -> Screened | Abandoned | None:
         """Return what the query was chosen from, if the agent simulates."""
@@ -59,15 +59,15 @@ class Choose:
         except Abandoned as given_up:
             return given_up
 
-    def finish(self, flow: Flow, found: Screened | Abandoned | None) -> None:
+    def finish(self, driver: Driver, found: Screened | Abandoned | None) -> None:
         """Show the query, or let its experiment run."""
         if isinstance(found, Abandoned):
             return
-        flow.thoughts.about = None
-        if flow.agent.history.key == self.history.key and flow.phase is Phase.RUNNING:
-            flow.thoughts.screened = found or flow.thoughts.screened
+        driver.thoughts.about = None
+        if driver.agent.history.key == self.history.key and driver.phase is Phase.RUNNING:
+            driver.thoughts.screened = found or driver.thoughts.screened
             # A question that was already open, before a restart, stays open under its id.
-            flow.resume()
+            driver.resume()
 
 
 class LookAhead:
@@ -77,11 +77,11 @@ class LookAhead:
     again, and an error is shown.
     """
 
-    def __init__(self, flow: Flow, asked: Question, answer: Answer) -> None:
-        self.asked, self.answer, self.twin = asked, answer, flow.agent.copy()
-        self.query, self.simulates = self.twin.ask(), flow.thoughts.simulator is not None
-        flow.thoughts.prefetch.busy = answer
-        flow.thoughts.resume()
+    def __init__(self, driver: Driver, asked: Question, answer: Answer) -> None:
+        self.asked, self.answer, self.twin = asked, answer, driver.agent.copy()
+        self.query, self.simulates = self.twin.ask(), driver.thoughts.simulator is not None
+        driver.thoughts.prefetch.busy = answer
+        driver.thoughts.resume()
 
     def run(self) -> tuple[History, Screened | None, Theta | None] | None:
         """Return the record with that answer, what is chosen from then, and which θ; None after an error."""
@@ -92,39 +92,39 @@ class LookAhead:
             return told, _let_choose(twin, self.simulates), None if twin.done else twin.ask().challenger.theta
         return None
 
-    def finish(self, flow: Flow, found: tuple[History, Screened | None, Theta | None] | None) -> None:
+    def finish(self, driver: Driver, found: tuple[History, Screened | None, Theta | None] | None) -> None:
         """Keep it for the case that this is the answer, and go on if it was given already."""
-        flow.thoughts.prefetch.busy = None
+        driver.thoughts.prefetch.busy = None
         if found is None:
             return
         told, screened, theta = found
-        if flow.question is self.asked:
-            flow.thoughts.prefetch.keep_screened(self.answer, screened)
-            if theta is not None and not _is_known(flow, theta):
-                flow.thoughts.prefetch.next = theta
+        if driver.question is self.asked:
+            driver.thoughts.prefetch.keep_screened(self.answer, screened)
+            if theta is not None and not _is_known(driver, theta):
+                driver.thoughts.prefetch.next = theta
             return
-        waits = flow.phase is Phase.RUNNING and flow.agent.history.pending is None
-        if waits and flow.agent.history.key == told.key:  # the answer came meanwhile, and it is this one
-            flow.thoughts.screened = screened or flow.thoughts.screened
-            flow.proceed()
+        waits = driver.phase is Phase.RUNNING and driver.agent.history.pending is None
+        if waits and driver.agent.history.key == told.key:  # the answer came meanwhile, and it is this one
+            driver.thoughts.screened = screened or driver.thoughts.screened
+            driver.proceed()
 
 
-def is_unexplained(flow: Flow) -> bool:
+def is_unexplained(driver: Driver) -> bool:
     """Return whether it is not known what the open question was chosen from.
 
     That is so after a restart, after the last answer, and if the person asked for a θ.
     """
-    thoughts = flow.thoughts
-    unknown = thoughts.simulator is not None and thoughts.grounds(flow.agent) is None
+    thoughts = driver.thoughts
+    unknown = thoughts.simulator is not None and thoughts.grounds(driver.agent) is None
     return unknown and not thoughts.prefetch.silent
 
 
-def is_unsaid(flow: Flow) -> bool:
+def is_unsaid(driver: Driver) -> bool:
     """Return whether something is left to be said of the open question or, at the end, of the result."""
-    known, found = flow.thoughts.grounds(flow.agent), flow.findings
-    if known is None or found is None or flow.thoughts.prefetch.silent:
-        return is_unexplained(flow)
-    return not found.complete or found.over is not (flow.phase is Phase.OVER)
+    known, found = driver.thoughts.grounds(driver.agent), driver.findings
+    if known is None or found is None or driver.thoughts.prefetch.silent:
+        return is_unexplained(driver)
+    return not found.complete or found.over is not (driver.phase is Phase.OVER)
 
 
 class Say:
@@ -133,10 +133,14 @@ class Say:
     Errors are ignored: the question can be answered, and the result is one without it.
     """
 
-    def __init__(self, flow: Flow) -> None:
-        self.asked, self.twin, self.found = flow.question, cast(Screening, flow.agent.copy()), flow.findings
-        self.over, self.explains = flow.phase is Phase.OVER, is_unexplained(flow)
-        flow.thoughts.resume()
+    def __init__(self, driver: Driver) -> None:
+        self.asked, self.twin, self.found = (
+            driver.question,
+            cast(Screening, driver.agent.copy()),
+            driver.findings,
+        )
+        self.over, self.explains = driver.phase is Phase.OVER, is_unexplained(driver)
+        driver.thoughts.resume()
 
     def run(self) -> Screened | None:
         """Return what is known with that part; None after an error."""
@@ -146,17 +150,17 @@ class Say:
             return Screened.of(self.twin, said or findings(self.twin, self.found, over=self.over))
         return None
 
-    def finish(self, flow: Flow, found: Screened | None) -> None:
+    def finish(self, driver: Driver, found: Screened | None) -> None:
         """Let it be seen and, once all is said of the result, keep that in the study file."""
-        if flow.question is not self.asked:
+        if driver.question is not self.asked:
             return
-        flow.thoughts.screened = found or flow.thoughts.screened
-        flow.thoughts.prefetch.silent = found is None
-        flow.version += 1
-        said, over = flow.findings, flow.phase is Phase.OVER and flow.state.concluded is None
+        driver.thoughts.screened = found or driver.thoughts.screened
+        driver.thoughts.prefetch.silent = found is None
+        driver.version += 1
+        said, over = driver.findings, driver.phase is Phase.OVER and driver.state.concluded is None
         if over and said is not None and said.over and said.complete:
             with suppress(StudyError):  # it is shown all the same, and follows from the record
-                flow.append(Concluded(said.to_dict()))
+                driver.append(Concluded(said.to_dict()))
 
 
 def _let_choose(twin: Agent, simulates: bool) -> Screened | None:
@@ -187,40 +191,40 @@ UNBIDDEN = ("late", "died")
 _ONE_AT_A_TIME = threading.Lock()  # held during a look: clicking through many θ must not keep every core busy
 
 
-def due(flow: Flow, *, ahead: bool) -> Job[Any] | None:
+def due(driver: Driver, *, ahead: bool) -> Job[Any] | None:
     """Return the next piece of work; None if there is none, or if it took no time and is done."""
-    underway, study = flow.underway, flow.study
+    underway, study = driver.underway, driver.study
     if underway.plant.recovery is Recovery.DUE:
-        return Restore(flow)
-    if flow.phase in (Phase.RECORD, Phase.CONFIRM) or underway.moves_plant:
-        return _attended(flow)
-    if flow.phase is Phase.RUNNING:
+        return Restore(driver)
+    if driver.phase in (Phase.RECORD, Phase.CONFIRM) or underway.moves_plant:
+        return _attended(driver)
+    if driver.phase is Phase.RUNNING:
         if study.must_think:
-            return Choose(flow)
+            return Think(driver)
         pending = study.pending
-        if pending is None or pending.index in flow.state.finished or underway.source.asks:
-            return GoOn()
-        if flow.at_once > 1:
-            return _beside(flow) if study.proposed else GoOn()
-        return _running(flow, pending)
-    if flow.phase is Phase.QUESTION and is_unexplained(flow):
-        return Say(flow)
-    if flow.phase is Phase.OVER and is_unsaid(flow):
-        return Say(flow)
-    if flow.at_once > 1:
-        return _beside(flow) if flow.phase in (Phase.QUESTION, Phase.FAILED) else None
-    if flow.phase is not Phase.QUESTION:
+        if pending is None or pending.index in driver.state.finished or underway.source.asks:
+            return Proceed()
+        if driver.at_once > 1:
+            return _beside(driver) if study.proposed else Proceed()
+        return _running(driver, pending)
+    if driver.phase is Phase.QUESTION and is_unexplained(driver):
+        return Say(driver)
+    if driver.phase is Phase.OVER and is_unsaid(driver):
+        return Say(driver)
+    if driver.at_once > 1:
+        return _beside(driver) if driver.phase in (Phase.QUESTION, Phase.FAILED) else None
+    if driver.phase is not Phase.QUESTION:
         return None
-    looking = _looking_ahead(flow) if ahead and not underway.source.asks else None
-    return Say(flow) if looking is None and is_unsaid(flow) else looking
+    looking = _looking_ahead(driver) if ahead and not underway.source.asks else None
+    return Say(driver) if looking is None and is_unsaid(driver) else looking
 
 
 class Restore:
     """Restore a plant's old values."""
 
-    def __init__(self, flow: Flow) -> None:
-        self.recovery = flow.underway.plant.recover()
-        self.recovery.changed = flow.underway.changed
+    def __init__(self, driver: Driver) -> None:
+        self.recovery = driver.underway.plant.recover()
+        self.recovery.changed = driver.underway.changed
 
     def run(self) -> str:
         """Return why it failed; empty if it did not."""
@@ -230,134 +234,134 @@ class Restore:
             return str(error) or type(error).__name__
         return ""
 
-    def finish(self, flow: Flow, found: str) -> None:
+    def finish(self, driver: Driver, found: str) -> None:
         """Tell front ends."""
-        flow.underway.plant.recovered(found)
-        flow.version += 1
+        driver.underway.plant.recovered(found)
+        driver.version += 1
 
 
-class GoOn:
+class Proceed:
     """Proceed, where nothing is simulated: a proposal takes up to a second."""
 
     def run(self) -> None:
         """Do nothing."""
 
-    def finish(self, flow: Flow, found: None) -> None:
+    def finish(self, driver: Driver, found: None) -> None:
         """Proceed, unless an undo, a retraction or the end did so before the lock was acquired.
 
         Proceeding twice would show the same question again under another id.
         """
-        if flow.phase is Phase.RUNNING:
-            flow.proceed()
+        if driver.phase is Phase.RUNNING:
+            driver.proceed()
 
 
 class RunAhead:
     """Run θ, physical, shape (n,), before it is needed."""
 
-    def __init__(self, flow: Flow, theta: Theta) -> None:
-        self.flow, self.theta, self.going = flow, theta, flow.underway.begin(theta)
+    def __init__(self, driver: Driver, theta: Theta) -> None:
+        self.driver, self.theta, self.going = driver, theta, driver.underway.begin(theta)
 
     def run(self) -> Experiment | Exception | None:
         """Return its experiment, its error, or None if it asks a person first."""
-        return attempt(self.flow, self.going, self.theta)
+        return attempt(self.driver, self.going, self.theta)
 
-    def finish(self, flow: Flow, found: Experiment | Exception | None) -> None:
+    def finish(self, driver: Driver, found: Experiment | Exception | None) -> None:
         """Keep the result for the case that it is needed."""
-        flow.underway.end(self.theta, found)
+        driver.underway.end(self.theta, found)
         if isinstance(found, Experiment):
-            flow.thoughts.prefetch.keep(self.theta, found)
+            driver.thoughts.prefetch.keep(self.theta, found)
         elif isinstance(found, RunError) and found.why in (*UNBIDDEN, "stopped"):
-            flow.thoughts.prefetch.keep_failure(self.theta, found)
+            driver.thoughts.prefetch.keep_failure(self.theta, found)
 
 
 class RunSample(RunAhead):
     """Run a pending sample: its result is recorded."""
 
-    def __init__(self, flow: Flow, sample: Suggested) -> None:
-        super().__init__(flow, np.array(sample.theta))
+    def __init__(self, driver: Driver, sample: Suggested) -> None:
+        super().__init__(driver, np.array(sample.theta))
         self.sample = sample
 
-    def finish(self, flow: Flow, found: Experiment | Exception | None) -> None:
+    def finish(self, driver: Driver, found: Experiment | Exception | None) -> None:
         """Take the result."""
-        flow.underway.end(self.theta, found)
-        flow.version += found is None  # front ends show what it asks
+        driver.underway.end(self.theta, found)
+        driver.version += found is None  # front ends show what it asks
         # Not a failure if it was given up: it runs again when it is needed again.
         given_up = isinstance(found, RunError) and found.why == "given up"
         if found is not None and not given_up:
-            _ran(flow, self.sample, found)
+            _ran(driver, self.sample, found)
 
 
-def _attended(flow: Flow) -> RunSample | None:
+def _attended(driver: Driver) -> RunSample | None:
     """Advance the run that a person attends to, unless it waits for them or for the plant."""
-    underway, pending = flow.underway, flow.study.pending
+    underway, pending = driver.underway, driver.study.pending
     run = underway.of(pending)
     if run is None or pending is None or run.waits or underway.plant.recovery is not Recovery.DONE:
         return None
-    return _running(flow, pending)
+    return _running(driver, pending)
 
 
-def _beside(flow: Flow) -> RunSample | None:
+def _beside(driver: Driver) -> RunSample | None:
     """Run the first pending sample that does not run yet; None if all do, or enough."""
-    if len(flow.underway.going) >= flow.at_once:
+    if len(driver.underway.going) >= driver.at_once:
         return None
-    for sample in flow.study.unfinished:
+    for sample in driver.study.unfinished:
         theta = np.array(sample.theta)
-        failed = flow.phase is not Phase.RUNNING and (
-            flow.thoughts.prefetch.is_known(theta) or sample.index in flow.state.failures
+        failed = driver.phase is not Phase.RUNNING and (
+            driver.thoughts.prefetch.is_known(theta) or sample.index in driver.state.failures
         )
-        if theta_key(theta) not in flow.underway.going and not failed:
-            flow.version += flow.phase is Phase.RUNNING  # so that front ends say how many run
-            return _running(flow, sample)
+        if theta_key(theta) not in driver.underway.going and not failed:
+            driver.version += driver.phase is Phase.RUNNING  # so that front ends say how many run
+            return _running(driver, sample)
     return None
 
 
-def _running(flow: Flow, sample: Suggested) -> RunSample | None:
+def _running(driver: Driver, sample: Suggested) -> RunSample | None:
     """Run a pending sample; None if its result is known already, and taken now."""
     theta = np.array(sample.theta)
-    known = flow.thoughts.prefetch.experiment(theta) or flow.thoughts.prefetch.take_failure(theta)
+    known = driver.thoughts.prefetch.experiment(theta) or driver.thoughts.prefetch.take_failure(theta)
     if known is None:
-        return RunSample(flow, sample)
+        return RunSample(driver, sample)
     # At once, since another thread would run it again meanwhile.
-    flow.underway.end(theta, known)
-    _ran(flow, sample, known)
+    driver.underway.end(theta, known)
+    _ran(driver, sample, known)
     return None
 
 
-def _ran(flow: Flow, sample: Suggested, result: Experiment | Exception) -> None:
+def _ran(driver: Driver, sample: Suggested, result: Experiment | Exception) -> None:
     """Take the result of running `sample`, if it is still pending."""
     theta = np.array(sample.theta)
     if isinstance(result, Experiment):
-        flow.thoughts.prefetch.keep(theta, result)
+        driver.thoughts.prefetch.keep(theta, result)
     # While it ran, another one may have been answered, which changes its number.
-    index = next((s.index for s in flow.study.unfinished if s.theta == sample.theta), None)
-    if index is None or flow.phase is Phase.OVER:
+    index = next((s.index for s in driver.study.unfinished if s.theta == sample.theta), None)
+    if index is None or driver.phase is Phase.OVER:
         return None
-    if flow.phase not in (Phase.RUNNING, Phase.RECORD, Phase.CONFIRM):
-        return _ran_beside(flow, index, result, theta)
+    if driver.phase not in (Phase.RUNNING, Phase.RECORD, Phase.CONFIRM):
+        return _ran_beside(driver, index, result, theta)
     try:
         if isinstance(result, Experiment):
-            flow.append((Finished(index), result))
-            return flow.proceed()
-        due = flow.state.history.answered
-        flow.append(*([] if index == due else [Taken(index)]), Failed(due, in_words(result)))
+            driver.append((Finished(index), result))
+            return driver.proceed()
+        due = driver.state.history.answered
+        driver.append(*([] if index == due else [Taken(index)]), Failed(due, in_words(result)))
     except StudyError as error:
-        return flow.feed(Moment.BROKEN, error)
-    return flow.feed(Moment.BROKEN, result)
+        return driver.feed(Moment.BROKEN, error)
+    return driver.feed(Moment.BROKEN, result)
 
 
-def _ran_beside(flow: Flow, index: int, result: Experiment | Exception, theta: Theta) -> None:
+def _ran_beside(driver: Driver, index: int, result: Experiment | Exception, theta: Theta) -> None:
     """Save the experiment of pending sample `index`; its failure is shown when it is due."""
-    if flow.at_once == 1:
+    if driver.at_once == 1:
         return
     if isinstance(result, Experiment):
-        flow.append((Finished(index), result))
+        driver.append((Finished(index), result))
     else:
-        flow.thoughts.prefetch.keep_failure(theta, result)
-    flow.version += 1
+        driver.thoughts.prefetch.keep_failure(theta, result)
+    driver.version += 1
 
 
 def attempt(
-    flow: Flow, run: Run, theta: Float[np.ndarray, " n"], twin: Scenario | None = None
+    driver: Driver, run: Run, theta: Float[np.ndarray, " n"], twin: Scenario | None = None
 ) -> Experiment | Exception | None:
     """Advance a run of θ; return its experiment, its error, or None if it asks a person first.
 
@@ -366,13 +370,13 @@ def attempt(
     caught, too: a function that calls exit() would end the thread without notice. Only
     KeyboardInterrupt is raised again: it may be Ctrl-C. What ends the process ends a run on a plant.
     """
-    scenario = twin or flow.store.scenario
+    scenario = twin or driver.store.scenario
     attended = bool(scenario.source.asks)
     try:
         result: object = run.advance()
         if result is None and run.waits:
             return None
-        if flow.underway.checked and twin is None and not attended and isinstance(result, Experiment):
+        if driver.underway.checked and twin is None and not attended and isinstance(result, Experiment):
             return result
         experiment = check_experiment(scenario, theta, result)
     except KeyboardInterrupt:
@@ -382,11 +386,11 @@ def attempt(
             raise
         return as_exception(error)
     if twin is None:
-        flow.underway.checked = not experiment.end.interrupted
+        driver.underway.checked = not experiment.end.interrupted
     return experiment
 
 
-def look_at(flow: Flow, theta: Float[np.ndarray, " n"]) -> Experiment:
+def look_at(driver: Driver, theta: Float[np.ndarray, " n"]) -> Experiment:
     """Return the experiment of a simulated θ, physical, shape (n,), and record nothing.
 
     It runs without the lock. A question about θ then finds the experiment.
@@ -395,52 +399,54 @@ def look_at(flow: Flow, theta: Float[np.ndarray, " n"]) -> Experiment:
         ScenarioError: If the agent does not simulate, or the simulation failed.
         KnobError: If the space does not hold θ.
     """
-    with flow.changed:
-        if not isinstance(flow.agent, Screening):
+    with driver.changed:
+        if not isinstance(driver.agent, Screening):
             raise ScenarioError("only an experiment that is simulated unseen can be looked at")
-        theta = flow.agent.space.check_allowed(theta)
-        known = flow.file.find_experiment(theta)
-        found = flow.thoughts.prefetch.experiment(theta)
+        theta = driver.agent.space.check_allowed(theta)
+        known = driver.file.find_experiment(theta)
+        found = driver.thoughts.prefetch.experiment(theta)
     if known is not None:
-        return flow.file.experiment(known)
+        return driver.file.experiment(known)
     if found is not None:
         return found
     with _ONE_AT_A_TIME:
-        result = _looked_at(flow, theta)
+        result = _looked_at(driver, theta)
     if not isinstance(result, Experiment):
         raise ScenarioError(f"this simulation failed: {result}") from result
-    if flow.thoughts.twin is None:
-        with flow.changed:
-            flow.thoughts.prefetch.keep(theta, result)
+    if driver.thoughts.twin is None:
+        with driver.changed:
+            driver.thoughts.prefetch.keep(theta, result)
     return result
 
 
-def _looked_at(flow: Flow, theta: Theta) -> Experiment | Exception | None:
+def _looked_at(driver: Driver, theta: Theta) -> Experiment | Exception | None:
     key = b"look " + theta_key(theta)
-    with flow.changed:
-        run = (flow.thoughts.twin or flow.store.scenario).source.begin(theta.copy(), seed=flow.study.seed)
-        flow.underway.going[key] = run  # so that it makes way for what is waited for
+    with driver.changed:
+        run = (driver.thoughts.twin or driver.store.scenario).source.begin(
+            theta.copy(), seed=driver.study.seed
+        )
+        driver.underway.going[key] = run  # so that it makes way for what is waited for
     try:
-        return attempt(flow, run, theta, flow.thoughts.twin)
+        return attempt(driver, run, theta, driver.thoughts.twin)
     finally:
-        with flow.changed:
-            del flow.underway.going[key]
+        with driver.changed:
+            del driver.underway.going[key]
 
 
-def _looking_ahead(flow: Flow) -> RunAhead | LookAhead | None:
+def _looking_ahead(driver: Driver) -> RunAhead | LookAhead | None:
     """Run the θ that a copy of the agent proposes after a likely answer, or let one propose it."""
-    asked, theta = flow.question, flow.thoughts.prefetch.next
+    asked, theta = driver.question, driver.thoughts.prefetch.next
     assert asked is not None
     if asked.repeats is not None:
         return None
     if theta is not None:
-        flow.thoughts.prefetch.next = None
-        return RunAhead(flow, theta)
-    most = len(LIKELY) if flow.thoughts.simulator is None else LIKELIEST
-    answer = flow.thoughts.prefetch.missing(asked, most)
-    return None if answer is None else LookAhead(flow, asked, answer)
+        driver.thoughts.prefetch.next = None
+        return RunAhead(driver, theta)
+    most = len(LIKELY) if driver.thoughts.simulator is None else LIKELIEST
+    answer = driver.thoughts.prefetch.missing(asked, most)
+    return None if answer is None else LookAhead(driver, asked, answer)
 
 
-def _is_known(flow: Flow, theta: Float[np.ndarray, " n"]) -> bool:
+def _is_known(driver: Driver, theta: Float[np.ndarray, " n"]) -> bool:
     """Return whether θ has run: in the study, for example before an undo, or as a prefetch."""
-    return flow.file.find_experiment(theta) is not None or flow.thoughts.prefetch.is_known(theta)
+    return driver.file.find_experiment(theta) is not None or driver.thoughts.prefetch.is_known(theta)

@@ -519,7 +519,7 @@ class ExperimentStore:
     """
 
     scenario: Scenario
-    study: StudyFile
+    file: StudyFile
     _held: WeakValueDictionary[int, Experiment] = field(default_factory=WeakValueDictionary)
     _last: OrderedDict[int, Experiment] = field(default_factory=OrderedDict)
     _outcomes: dict[int, Outcome] = field(default_factory=dict)
@@ -540,7 +540,7 @@ class ExperimentStore:
 
     def first_measured(self) -> Experiment | None:
         """Return the first experiment that has KPIs; None if there is none yet."""
-        for index in sorted(set(self.study.state.finished) - self._without_kpis):
+        for index in sorted(set(self.file.state.finished) - self._without_kpis):
             experiment = self.experiment(index)
             if experiment.kpis:
                 return experiment
@@ -551,7 +551,7 @@ class ExperimentStore:
         """Return how experiment `index`, from 0, ended. Raises StudyError if there is none."""
         seq = self._event(index)
         if seq not in self._ends:
-            self._ends[seq] = self.study.end(seq)
+            self._ends[seq] = self.file.end(seq)
         return self._ends[seq]
 
     def outcomes(self, challenger: int, incumbent: int | None) -> tuple[Outcome, Outcome | None]:
@@ -566,7 +566,7 @@ class ExperimentStore:
         the preference is for readers of the record. An experiment without a record has no score,
         nor has one that was cut short, and an abstention instead of a preference.
         """
-        best, value = self.study.state.history.incumbent, self._score(index)
+        best, value = self.file.state.history.incumbent, self._score(index)
         if best is None:
             return None, Answer(None, value=value)
         rival = self._score(best)
@@ -584,13 +584,13 @@ class ExperimentStore:
         return value if np.isfinite(value) else None
 
     def _event(self, index: int) -> int:
-        finished = self.study.state.finished
+        finished = self.file.state.finished
         if index not in finished:
             raise StudyError(f"the study has no experiment {index + 1}")
         return finished[index]
 
     def _read(self, seq: int, index: int) -> Experiment:
-        experiment, theta = self.study.experiment(seq), self.study.state.history.samples[index].theta
+        experiment, theta = self.file.experiment(seq), self.file.state.history.samples[index].theta
         added = len(experiment.theta) != len(theta)  # knobs, since it ran
         return replace(experiment, theta=np.array(theta)) if added else experiment
 
@@ -602,15 +602,15 @@ class ExperimentStore:
 
     def failed(self, index: int) -> Experiment:
         """Return an experiment without a record, for sample `index`, whose run failed."""
-        theta = np.array(self.study.state.history.samples[index].theta)
-        known = self.study.state.finished
+        theta = np.array(self.file.state.history.samples[index].theta)
+        known = self.file.state.finished
         declared = self.scenario.source.channels or Channels((), (), ())
         channels = self.experiment(min(known)).channels if known else declared
         return Experiment.blank(theta, channels, End.FAILED)
 
     def question(self, id_: int, number: int, shown: Shown) -> Question:
         """Return the question of the event `shown`, with the current marks."""
-        marks, pair = self.study.state.marks, (shown.challenger, shown.incumbent)
+        marks, pair = self.file.state.marks, (shown.challenger, shown.incumbent)
         new, old = (
             Side(index, self.experiment(index), index == pair[0], marks.get(index, frozenset()))
             for index in pair
@@ -629,7 +629,7 @@ class ExperimentStore:
 
     def comparison(self, index: int) -> Compared:
         """Return comparison number `index`, from 0; a retracted answer becomes an abstention."""
-        return self.compared(self.study.state.history.comparisons[index])
+        return self.compared(self.file.state.history.comparisons[index])
 
     def compared(self, closed: Comparison) -> Compared:
         """Return the experiments and the answer; a retracted answer becomes an abstention."""
@@ -644,7 +644,7 @@ class ExperimentStore:
         )
 
     def _suggestion(self, index: int) -> Suggestion:
-        return Suggestion(index, np.array(self.study.state.history.samples[index].theta))
+        return Suggestion(index, np.array(self.file.state.history.samples[index].theta))
 
 
 # --- Translate between a study file and an agent, and restore the agent from a state.

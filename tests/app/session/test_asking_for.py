@@ -80,7 +80,7 @@ def test_resumed_undone_and_retracted_it_stays_what_was_asked_for(tmp_path):
     again = reopened(toy, path)
     now = proceed(again)
     assert now.question.challenger.experiment.theta.tolist() == WANTED.tolist()
-    assert again._flow.agent.history == again.file.state.history
+    assert again._driver.agent.history == again.file.state.history
     again.do(actions.Retract(1))
     now = proceed(again)
     assert now.question.challenger.experiment.theta.tolist() == WANTED.tolist()
@@ -91,7 +91,7 @@ def test_resumed_undone_and_retracted_it_stays_what_was_asked_for(tmp_path):
     assert now.state.requested == {3}
     again.do(actions.Undo(now.version))
     assert proceed(again).state.requested == set()
-    assert again._flow.agent.history == again.file.state.history
+    assert again._driver.agent.history == again.file.state.history
     again.file.close()
     assert verify(path) == ()
 
@@ -101,10 +101,10 @@ def test_a_run_that_is_no_longer_needed_is_kept_for_later():
     while interview.now().pending is None or interview.now().pending.index < 1:
         interview.work()
     former = interview.now().pending
-    job = runs.due(interview._flow, ahead=False)
+    job = runs.due(interview._driver, ahead=False)
     found = job.run()  # it ends after the request
     interview.do(actions.AskFor(WANTED))
-    job.finish(interview._flow, found)
+    job.finish(interview._driver, found)
     assert former.index not in interview.now().state.finished
     now = proceed(interview)
     assert now.question.challenger.experiment.theta.tolist() == WANTED.tolist()
@@ -114,7 +114,7 @@ def test_a_run_that_is_no_longer_needed_is_kept_for_later():
 
 def test_it_is_on_the_disk_before_anything_follows(monkeypatch):
     interview = asked()
-    before, history = interview.now(), interview._flow.agent.history
+    before, history = interview.now(), interview._driver.agent.history
 
     def full(*entries):
         raise StudyError("the disk is full")
@@ -123,7 +123,7 @@ def test_it_is_on_the_disk_before_anything_follows(monkeypatch):
     with pytest.raises(StudyError, match="full"):
         interview.do(actions.AskFor(WANTED))
     monkeypatch.undo()
-    assert interview._flow.agent.history == history
+    assert interview._driver.agent.history == history
     assert interview.now() == before
     interview.do(actions.AskFor(WANTED))
     found = [r.event for r in interview.file.events() if isinstance(r.event, Requested)]

@@ -195,10 +195,10 @@ def test_a_known_failure_is_taken_by_one_thread_though_another_looks_for_work_at
     question = interview.now().question
     interview.do(actions.Answer(question.id, Choice.LEFT))
     assert interview.work()  # it proposes what can run
-    jobs = [runs.due(interview._flow, ahead=False) for _ in range(2)]  # before either is done
+    jobs = [runs.due(interview._driver, ahead=False) for _ in range(2)]  # before either is done
     assert interview.now().phase is Phase.FAILED
     for job in filter(None, jobs):
-        job.finish(interview._flow, job.run())
+        job.finish(interview._driver, job.run())
     assert tried.count(tried[2]) == 1
     assert interview.now().phase is Phase.FAILED
 

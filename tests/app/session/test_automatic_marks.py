@@ -48,13 +48,13 @@ def studied(answers=6, **more):
 def test_the_agent_learns_them_and_a_retraction_takes_them_along():
     interview = studied()
     unsafe = [i for i in range(7) if interview.past.experiment(i).end is End.UNSAFE]
-    history = interview._flow.agent.state.history
+    history = interview._driver.agent.state.history
     assert np.flatnonzero(Marks.of(history).unsafe).tolist() == unsafe
     assert interview.now().state.history.unsafe(automatic=True) == set(unsafe)
     last = max(i for i in unsafe if i)
     interview.do(actions.Retract(last))
     assert interview.now().state.history.unsafe(automatic=True) == set(unsafe) - {last}
-    assert Marks.of(interview._flow.agent.state.history).unsafe.sum() == len(unsafe) - 1
+    assert Marks.of(interview._driver.agent.state.history).unsafe.sum() == len(unsafe) - 1
     assert not interview.past.comparisons()[last].answer.preference
     assert interview.past.comparisons()[last].answer.automatic
 

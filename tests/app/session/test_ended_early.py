@@ -77,8 +77,8 @@ def test_page_report_and_export_say_when_and_why(tmp_path):
 def test_the_file_resumes_to_the_same_agent(tmp_path):
     path = tmp_path / "early.prefcal"
     study = studied(path=path)
-    before, cut = study._flow.agent.state, study.now().state.history.cut_short()
+    before, cut = study._driver.agent.state, study.now().state.history.cut_short()
     study.file.close()
     again = reopened(toy_scenario(), path)
-    assert again._flow.agent.state == before
+    assert again._driver.agent.state == before
     assert again.now().state.history.cut_short() == cut != frozenset()

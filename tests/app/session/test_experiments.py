@@ -61,7 +61,7 @@ def test_only_the_last_trajectories_stay_and_what_is_held_is_not_read_twice(read
     interview.past.experiment(12)
     assert len(read) == 13
     gc.collect()
-    assert len(interview._flow.store._held) == 3
+    assert len(interview._driver.store._held) == 3
     interview.past.experiment(1)
     assert len(read) == 14
 

@@ -34,7 +34,7 @@ def test_it_is_saved_resumed_undone_and_retracted(toy, tmp_path):
     interview.file.close()
     resumed = reopened(toy, path)
     assert resumed.now().state.history.follow_ups[0].retracted
-    assert len(Preferences.of(resumed._flow.agent.history)) == resumed.now().state.history.answered - 1
+    assert len(Preferences.of(resumed._driver.agent.history)) == resumed.now().state.history.answered - 1
 
 
 def test_a_question_that_a_newer_algorithm_would_not_ask_is_replaced(toy, tmp_path, monkeypatch):
@@ -61,7 +61,7 @@ def test_a_retraction_leaves_an_open_further_question_consistent(toy):
     until_further(interview)
     interview.do(actions.Retract(1))
     now = proceed(interview)
-    asked = interview._flow.agent.ask()
+    asked = interview._driver.agent.ask()
     assert now.question.challenger.index == asked.challenger.index
     interview.do(actions.Answer(now.question.id, judge(now.question, toy.cost)))
     assert proceed(interview).question is not None

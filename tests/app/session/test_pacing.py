@@ -43,8 +43,8 @@ def test_a_study_resumes_identically_after_each_change(toy, tmp_path, most):
     asked = []
     while (now := proceed(interview)).phase is Phase.QUESTION:
         twin = agent_of(now.state, toy.space)
-        assert twin.state == interview._flow.agent.state
-        assert twin.ask() == interview._flow.agent.ask()
+        assert twin.state == interview._driver.agent.state
+        assert twin.ask() == interview._driver.agent.ask()
         asked.append(pair(now.question))
         if len(asked) == 3:
             interview.file.close()

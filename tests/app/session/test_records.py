@@ -64,7 +64,7 @@ def test_the_theta_that_was_dialed_is_learned_from_and_the_proposed_one_kept(int
     while interview.now().phase is Phase.RUNNING:
         interview.work()
     following = interview.now()
-    history = interview._flow.agent.state.history
+    history = interview._driver.agent.state.history
     assert history.samples[1].theta == pytest.approx(dialed)
     interview.file.close()
     again = reopened(RIG, tmp_path / "rig.prefcal")
@@ -115,7 +115,7 @@ def test_replacing_a_compared_record_retracts_its_answers_and_corrects_its_kpis(
     assert closed.retracted
     assert Mark.CHALLENGER_UNSAFE not in closed.answer.marks
     assert closed.answer.outcomes[0]["highest"] == 7.5
-    history = interview._flow.agent.state.history
+    history = interview._driver.agent.state.history
     assert [history.kpis.outcome(row)["highest"] for row in (0, 1)] == [8.0, 7.5]
     with pytest.raises(RecordError, match="compared already"):
         interview.do(actions.Record(1, csv(6.0), theta=(0.5, 20.0, 1.0)))
@@ -159,7 +159,7 @@ def test_a_page_waits_for_nothing_that_would_have_to_be_learned_again(tmp_path):
     said = interview.known.promise
     interview.file.close()
     again = reopened(RIG, tmp_path / "rig.prefcal")
-    again._flow.has_background = True  # as with a page
+    again._driver.has_background = True  # as with a page
     assert again.known.promise == ""
     assert again.known.foresight(learn=True) is not None
     assert again.known.promise == said

@@ -9,7 +9,7 @@ import pytest
 
 from prefcal_agents.screening.agent import Screening
 from prefcal_app.session import Background, Choice, Interview, Phase, actions
-from prefcal_app.session.flow import LIKELIEST
+from prefcal_app.session.driver import LIKELIEST
 from prefcal_app.simulating import Simulator
 from prefcal_app.summary import others_unbeaten
 from prefcal_app.view.end import why_view
@@ -60,7 +60,7 @@ def test_a_study_without_prefetching_is_the_same_as_one_with_it():
 def test_the_likeliest_answers_are_prepared_and_followed_by_the_next_question_without_work():
     interview = started(ahead=True)
     now = worked(interview)
-    assert len(interview._flow.thoughts.prefetch._screened) == LIKELIEST
+    assert len(interview._driver.thoughts.prefetch._screened) == LIKELIEST
     now = interview.do(actions.Answer(now.question.id, Choice.LEFT))
     assert now.phase is Phase.QUESTION
     assert interview.known.screened() is not None
@@ -128,14 +128,14 @@ def test_nothing_is_simulated_for_a_retraction_or_an_answer_after_a_restart(tmp_
     """The lock is held meanwhile, and who simulates may wait for it."""
     path = tmp_path / "mine.prefcal"
     interview = judged_often(started(path, n_max=9))
-    count = interview._flow.thoughts.simulator.count
+    count = interview._driver.thoughts.simulator.count
     assert interview.do(actions.Retract(3)).phase is Phase.QUESTION
-    assert interview._flow.thoughts.simulator.count == count
+    assert interview._driver.thoughts.simulator.count == count
     interview.file.close()
     again = reopened(unseen, path)
     again.do(actions.Answer(again.now().question.id, Choice.LEFT))
     assert again.now().phase is Phase.RUNNING
-    assert again._flow.thoughts.simulator.count == 0
+    assert again._driver.thoughts.simulator.count == 0
 
 
 def test_an_answer_is_about_the_pair_on_show_though_the_agent_would_now_show_another(tmp_path, monkeypatch):
@@ -148,7 +148,7 @@ def test_an_answer_is_about_the_pair_on_show_though_the_agent_would_now_show_ano
     monkeypatch.setattr(Screening, "_leader", lambda self, history: int(rival == 0))
     again = reopened(unseen, path)
     again.do(actions.Answer(again.now().question.id, Choice.LEFT))
-    told = again._flow.agent.history.comparisons[-1]
+    told = again._driver.agent.history.comparisons[-1]
     assert told.incumbent == again.file.state.history.comparisons[-1].incumbent == rival
     assert proceed(again).question.incumbent.index == int(rival == 0)
 
@@ -199,7 +199,7 @@ def held(slow, tmp_path):
     proceed(first)
     first.file.close()
     interview = reopened(scenario, tmp_path / "mine.prefcal")
-    interview._runs_ahead = interview._flow.thoughts.prefetch.silent = True
+    interview._runs_ahead = interview._driver.thoughts.prefetch.silent = True
     run.gate.clear()
     attempt = threading.Thread(target=interview.work)
     attempt.start()
@@ -217,7 +217,7 @@ def test_an_answer_does_not_wait_for_simulations_for_another_answer(held):
     interview, go_on = held
     interview.do(actions.Give(interview.now().question.id, Answer(Preference.INCUMBENT)))
     go_on()
-    assert interview._flow.thoughts.simulator.count <= 1  # the one that was running
+    assert interview._driver.thoughts.simulator.count <= 1  # the one that was running
     assert interview.now().phase is Phase.RUNNING
     assert proceed(interview).phase is Phase.QUESTION
 
@@ -226,8 +226,8 @@ def test_simulations_for_the_answer_that_is_given_are_used(held):
     interview, go_on = held
     interview.do(actions.Give(interview.now().question.id, Answer(Preference.CHALLENGER)))
     go_on()
-    assert interview._flow.thoughts.simulator.count > 1
-    assert not interview._flow.study.must_think
+    assert interview._driver.thoughts.simulator.count > 1
+    assert not interview._driver.study.must_think
     assert proceed(interview).phase is Phase.QUESTION
 
 
@@ -235,7 +235,7 @@ def test_closing_gives_up_the_simulations(held):
     interview, go_on = held
     interview.close()
     go_on()
-    assert interview._flow.thoughts.simulator.count <= 1
+    assert interview._driver.thoughts.simulator.count <= 1
 
 
 def test_a_simulator_of_processes_is_closed_by_whoever_made_it(tmp_path):
@@ -247,7 +247,7 @@ def test_a_simulator_of_processes_is_closed_by_whoever_made_it(tmp_path):
         here = started()
         assert asked(proceed(interview)) == asked(proceed(here))
         interview.close()
-        assert simulator.count == here._flow.thoughts.simulator.count
+        assert simulator.count == here._driver.thoughts.simulator.count
 
 
 @pytest.fixture
@@ -331,7 +331,7 @@ def test_an_error_of_the_simulations_is_a_problem_that_can_be_tried_again(monkey
 
     interview = started()
     with monkeypatch.context() as broken:
-        broken.setattr(interview._flow.thoughts.simulator, "_here", fail)
+        broken.setattr(interview._driver.thoughts.simulator, "_here", fail)
         interview.work()
     assert interview.now().phase is Phase.FAILED
     assert "no process can load" in interview.now().problem

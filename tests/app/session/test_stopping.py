@@ -70,7 +70,7 @@ def test_a_run_that_hangs_is_stopped_counted_as_failed_and_the_study_goes_on(ahe
 def on_suspicion(interview):
     """Have the interview run ahead what hangs, when all else is run ahead."""
     worked(interview)
-    interview._flow.thoughts.prefetch.next = BAD
+    interview._driver.thoughts.prefetch.next = BAD
     interview._idle_at = None
 
 
@@ -78,7 +78,7 @@ def test_a_run_on_suspicion_that_hangs_makes_way():
     with hanging(n_max=8, seed=1, ahead=True) as interview:
         on_suspicion(interview)
         with Background(interview):
-            now = until(interview, lambda now: theta_key(BAD) in interview._flow.underway.going)
+            now = until(interview, lambda now: theta_key(BAD) in interview._driver.underway.going)
             interview.do(actions.Mark(now.question.id, "left", "unsafe", True))  # foreseen answers are void
             interview.do(actions.Answer(now.question.id, Choice.LEFT))
             until(interview, lambda now: now.pending is not None)  # the next one is chosen
@@ -88,7 +88,7 @@ def test_a_run_on_suspicion_that_took_too_long_is_not_waited_for_twice():
     with hanging(2.0, n_max=8, seed=1, ahead=True) as interview:
         on_suspicion(interview)
         assert interview.work()
-        ahead = interview._flow.thoughts.prefetch
+        ahead = interview._driver.thoughts.prefetch
         assert ahead.is_known(BAD)
         assert "longer than 2 s" in str(ahead.take_failure(BAD))
         assert not ahead.is_known(BAD)  # who tries again means it

@@ -55,7 +55,7 @@ def test_questions_have_one_count_with_the_follow_ups_among_them():
 
 def test_remarks_are_kept_with_their_time():
     interview, _ = asked()
-    interview._flow.append(Noted("the pump was noisy"))
+    interview._driver.append(Noted("the pump was noisy"))
     (note,) = history_view(interview)["notes"]
     assert note["text"] == "the pump was noisy"
     assert note["at"].startswith("2026-01-01T")

@@ -64,7 +64,7 @@ def test_a_follow_up_is_about_two_that_were_seen(says):
 
 def test_until_it_is_known_nothing_is_said(says):
     interview = screening()
-    interview._flow.resume()
+    interview._driver.resume()
     assert told(interview) == {"why": "", "offer": ""}
     assert map_view(interview) is None
     proceed(interview)
@@ -178,7 +178,7 @@ def test_the_picture_is_made_once_per_version(monkeypatch):
 
 def carries(interview, **fields):
     """Let what was worked out say this, too."""
-    thoughts = interview._flow.thoughts
+    thoughts = interview._driver.thoughts
     known = thoughts.screened
     thoughts.screened = replace(known, findings=replace(known.findings, **fields))
 

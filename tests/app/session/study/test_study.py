@@ -53,19 +53,19 @@ def test_a_study_in_memory_tries_what_one_with_a_file_tries():
 def test_an_answer_makes_another_study_and_changes_none():
     interview = begin(TOY, n_max=6)
     question = proceed(interview).question
-    study = interview._flow.study
+    study = interview._driver.study
     asked = study.next()
     assert asked == Ask(study.state.open[1])
     assert not study.is_overtaken
     interview.do(actions.Answer(question.id, judge(question, TOY.cost)))
     assert study.next() == asked
-    assert interview._flow.study.next() != asked
+    assert interview._driver.study.next() != asked
 
 
 def test_an_ended_study_asks_nothing_whatever_the_agent_would():
     interview = begin(TOY, n_max=6)
     question = proceed(interview).question
     interview.do(actions.Answer(question.id, Choice.LEFT))
-    study = interview._flow.study
+    study = interview._driver.study
     assert study.next() is not Moment.OVER
     assert study.feed(Ended("stopped"), replace(study.state, ended="stopped")).next() is Moment.OVER

@@ -30,7 +30,7 @@ def whole():
     """A study whose three questions are answered."""
     interview = begin(toy_scenario(), n_max=4)
     answer_all(interview, lambda number: None)
-    return interview._flow.study
+    return interview._driver.study
 
 
 @pytest.fixture(scope="module")
@@ -46,13 +46,13 @@ def asked():
         answer_all(interview, stop)
     while interview.now().phase is RUNNING:
         interview.work()
-    return interview._flow.study
+    return interview._driver.study
 
 
 @pytest.fixture(scope="module")
 def new():
     """A study without an answer."""
-    return begin(toy_scenario(), n_max=4)._flow.study
+    return begin(toy_scenario(), n_max=4)._driver.study
 
 
 def test_the_table_of_the_documents_is_the_one_that_is_followed():
@@ -150,7 +150,7 @@ def test_the_table_has_a_line_for_each_action_but_the_answers_of_programs():
 def test_only_some_agents_change_how_many_questions_they_ask(asked, agent):
     interview = begin(toy_scenario(), agent=agent)
     assert interview.known.questions is None
-    strategy = interview._flow.study.strategy
+    strategy = interview._driver.study.strategy
     assert "only the agent glisp" in str(ACTIONS["pace"].refusal(replace(asked, strategy=strategy)))
 
 

@@ -329,7 +329,7 @@ class Latest:
 
 
 @dataclass(slots=True)
-class Flow:
+class Driver:
     """What drives a study, with its lock, and tells of changes.
 
     The study is a value: whoever reads `study` or `state` needs no lock. Whoever reads experiments or
