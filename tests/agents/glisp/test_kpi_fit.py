@@ -51,7 +51,7 @@ def columns(count=30, seed=3):
 
 
 def learned(record, seed=0):
-    return kpi_fits(seed).after(record)
+    return kpi_fits(seed)(record)
 
 
 def mistaken():
@@ -126,7 +126,7 @@ def test_an_experiment_that_is_probably_better_than_the_best_is_named_once():
     assert wanted[rival] < 0.9
     asked = wrong.with_follow_up(Answer(-1), best, rival)
     assert learned(asked).doubted(asked) != (best, rival)
-    assert kpi_fits(0).after(History()).doubted(History()) is None
+    assert kpi_fits(0)(History()).doubted(History()) is None
 
 
 def test_a_run_cut_short_is_not_doubted_in_favor_of_a_whole_one():
@@ -168,8 +168,8 @@ def test_a_kpi_that_comes_late_is_learned_from_all_answers():
     late = [{**k, "b": 1.0} if i < 8 else k for i, k in enumerate(kpis)]
     wanted = np.where(np.arange(30) < 8, 1.0 + 0.01 * np.arange(30), wanted)
     fits, record = kpi_fits(0), record_of(late, wanted)
-    assert fits.after(record.until(8)).scale.names == ("a", "c")
-    fit = fits.after(record)
+    assert fits(record.until(8)).scale.names == ("a", "c")
+    fit = fits(record)
     assert fit.scale.names == ("a", "b", "c")
     assert np.argmax(fit.utilities.normals.mean(axis=0)) == 1
 
@@ -205,7 +205,7 @@ def promising_record(space, count, *, unsafe=lambda theta: False):
 
 def proposed(space, history, seed=0, fit=None):
     """Return the most promising θ; a `fit` of the same record need not be made again."""
-    fit = kpi_fits(seed).after(history) if fit is None else fit
+    fit = kpi_fits(seed)(history) if fit is None else fit
     penalty = unsafe_penalty(history, 30.0, 0.9)
     setup = Setup(space, 4, seed, LEAN)
     z = most_promising(setup, history, fit, penalty, np.random.default_rng(seed))

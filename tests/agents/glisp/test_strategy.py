@@ -50,7 +50,7 @@ def setup_of(**settings):
 def fit_of(history, setup, *, kpis=False, noisy=False):
     """Learn from `history`; KPIs explain it if `kpis`, and answers may be wrong if `noisy`."""
     selection = Selection(SHAPE, NoiseTest(SHAPE, 5.0 if noisy else -5.0), noisy)
-    known = kpi_fits(setup.seed).after(history) if kpis else None
+    known = kpi_fits(setup.seed)(history) if kpis else None
     return Fit(Dataset.of(history), selection, known)
 
 
