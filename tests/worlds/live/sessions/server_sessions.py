@@ -103,25 +103,27 @@ class Study:
     def sessions(self, count: int) -> Iterator[str]:
         """Run sessions until the study is over, and yield how each ended."""
         interview = self._interview(count)
-        while interview.now().phase is not Phase.OVER:
-            self.watch.forget()
-            self.losses.clear()
-            losing = [
-                threading.Thread(target=self._lose, args=loss_at_random(self.rng, _SPAN))
-                for _ in range(self.rng.integers(1, 3))
-            ]
-            for each in losing:
-                each.start()
-            how = self._session(interview)
-            for each in losing:
-                each.join()
-            self._check_plant()
+        try:
+            while interview.now().phase is not Phase.OVER:
+                self.watch.forget()
+                self.losses.clear()
+                losing = [
+                    threading.Thread(target=self._lose, args=loss_at_random(self.rng, _SPAN))
+                    for _ in range(self.rng.integers(1, 3))
+                ]
+                for each in losing:
+                    each.start()
+                how = self._session(interview)
+                for each in losing:
+                    each.join()
+                self._check_plant()
+                interview.file.close()
+                interview = Interview(self.scenario, StudyFile.open(self.path, clock=_now), ahead=False)
+                self._check_study(interview.now())
+                yield how
+        finally:  # also if nobody asks for the rest: a file with the same inode could not be opened
             interview.file.close()
-            interview = Interview(self.scenario, StudyFile.open(self.path, clock=_now), ahead=False)
-            self._check_study(interview.now())
-            yield how
-        interview.file.close()
-        self.rig.plant.close()
+            self.rig.plant.close()
 
     def _interview(self, count: int) -> Interview:
         agent = RandomSearch(self.scenario.space, n_init=1, n_max=count, seed=self.seed)
@@ -300,6 +302,5 @@ def run(seconds: float, most: int = 10**6, first: int = 0, study: int = 12) -> R
                     results.writes += len(watch.writes)
             except Broken as error:
                 results.broken.append(f"study {seed}: {error}")
-                one.rig.plant.close()
             seed += 1
     return results
