@@ -165,7 +165,7 @@ class ValueAcquisition:
 
     def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
         """Return a at the rows of `z`, shape (m, n), unit cube, as shape (m,)."""
-        # Bemporad's box is [-1, 1]: distances and ε are those of his equations.
+        # Bemporad's equations are for the box [-1, 1]^n, so distances and ε are measured there.
         x = 2 * z - 1
         weights, f = Weights.of(squared_distances(x, self.interpolant.centers)), self.interpolant(x)
         s = np.sqrt(weights.variance(self.values, f))

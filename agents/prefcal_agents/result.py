@@ -125,8 +125,8 @@ def _joined(draws: Sequence[Utilities]) -> Utilities:
 # experiment for noticeably better. Nothing is fitted again.
 
 _SURE = 0.5
-"""Probability of being noticeably better than the best by the answers, up to which an experiment
-does not take its place, whoever draws."""
+"""An experiment that is noticeably better than the best by the answers in this share of the draws or fewer
+never takes its place, whatever the draws are."""
 _JUDGES = 256  # number of draws that choose among several that take its place
 _DOUBTFUL = 0.1  # chance of the other answer from which on it tells something that the result rests on one
 
@@ -243,8 +243,8 @@ def others(
     KPIs differ most from what is on the menu, in ranks.
 
     Source: G. L. Nemhauser, L. A. Wolsey, M. L. Fisher, "An analysis of approximations for
-    maximizing submodular set functions" (1978): the greedy choice satisfies at least 63 % of those
-    whom the best choice would.
+    maximizing submodular set functions" (1978): the greedy choice satisfies at least 63 % as many
+    people as the best choice.
 
     Args:
         costs: Cost of each candidate in each draw, shape (s, m).

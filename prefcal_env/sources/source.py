@@ -455,8 +455,7 @@ class Function(Source):
         self, function: Callable[..., Experiment], varied: Callable[..., Varied] | None = None
     ) -> None:
         self.function = function
-        bare = function.func if isinstance(function, partial) else function
-        own = getattr(getattr(bare, "__self__", bare), "varied", None)  # `loop.run` varies as `loop` does
+        own = getattr(owner_of(function), "varied", None)
         self._varied = varied or (own if callable(own) else None)
         channels = getattr(function, "channels", None)
         self.channels = channels if isinstance(channels, Channels) else None
@@ -495,6 +494,12 @@ class Function(Source):
 
 
 _OURS = ("theta", "seed", "space")
+
+
+def owner_of(function: Any) -> Any:
+    """Return what knows about a run: the object whose method it is, such as `loop` of `loop.run`, or itself."""
+    bare = function.func if isinstance(function, partial) else function
+    return getattr(bare, "__self__", bare)
 
 
 def with_space(function: Any, space: KnobSpace) -> Any:

@@ -347,10 +347,10 @@ def place_of(path: Path | str) -> tuple[int, int] | None:
 
 @contextmanager
 def _owning(path: Path | str) -> Iterator[None]:
-    """Keep all others from owning a file inside the block. SQLite and whoever reads do not notice.
+    """Lock a file against other owners inside the block; SQLite and readers are not disturbed.
 
-    SQLite's own lock, which other programs respect, ends for an instant at each step. On Linux this one
-    lasts, since it belongs to a handle of its own and ends with that, whoever closes the file meanwhile.
+    SQLite's own lock, which other programs respect, is released for an instant at each step. On Linux this
+    one lasts: it belongs to a handle of its own, even if other code closes the file meanwhile.
 
     Raises:
         StudyError: If somebody else owns it.

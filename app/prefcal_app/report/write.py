@@ -5,7 +5,7 @@ from base64 import b64encode
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from prefcal_env.disk import digest_of
 from prefcal_env.errors import ScenarioError, StaleError
 from prefcal_env.experiments.experiment import Channel, End, Experiment
 from prefcal_env.plants.jacobians import U
-from prefcal_env.sources.source import function_of
+from prefcal_env.sources.source import function_of, owner_of
 from prefcal_env.sources.varied import Ranges
 from prefcal_scenarios import verification
 from prefcal_scenarios.isolated import DEFAULT_LIMIT
@@ -478,9 +478,7 @@ def _knobs(record: StudyRecord) -> Iterator[dict[str, Any]]:
 
 def resting(scenario: Scenario) -> U | None:
     """Return the inputs before the first move, shape (n_u,); None if a scenario does not say them."""
-    run = function_of(scenario.source)
-    run = run.func if isinstance(run, partial) else run
-    loop = getattr(run, "__self__", run)
+    loop = owner_of(function_of(scenario.source))
     return getattr(getattr(getattr(loop, "env", loop), "task", None), "u0", None)
 
 

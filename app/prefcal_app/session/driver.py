@@ -26,7 +26,7 @@ from .study import (
     ExperimentStore,
     Moment,
     Phase,
-    Plant,
+    PlantFacts,
     PlantNow,
     Question,
     Recovery,
@@ -241,11 +241,11 @@ class UnderWay:
         """Return whether a run changes a plant, or is about to; it takes no lock."""
         return any(run.moves_plant for run in self.every)
 
-    def facts(self, pending: Sample | None) -> Plant:
+    def facts(self, pending: Sample | None) -> PlantFacts:
         """Return what decides what a person can do about the run of the pending sample."""
         source, run = self.source, self.of(pending)
         ready = run is not None and run.changes is not None
-        return Plant(source.asks, source.stops, self.moves_plant, ready, self.plant.recovery)
+        return PlantFacts(source.asks, source.stops, self.moves_plant, ready, self.plant.recovery)
 
     def plant_now(self, sample: Suggested | None) -> PlantNow | None:
         """Return what a front end shows of a plant on which each run is confirmed; None without one."""
@@ -332,8 +332,8 @@ class Latest:
 class Driver:
     """What drives a study, with its lock, and tells of changes.
 
-    The study is a value: whoever reads `study` or `state` needs no lock. Whoever reads experiments or
-    what is thought holds `changed`; whoever changes anything does so within `changing`.
+    The study is a value, so `study` and `state` are read without the lock. Hold `changed` to read
+    experiments or thoughts, and make every change within `changing`.
     """
 
     file: StudyFile
@@ -362,7 +362,7 @@ class Driver:
             self.file.state,
             at_once=self.at_once,
             simulates=self.thoughts.simulator is not None,
-            plant=Plant(source.asks, source.stops),
+            plant=PlantFacts(source.asks, source.stops),
         )
         self.underway = UnderWay(source, self.study.seed)
         self.underway.changed = self.tell

@@ -322,7 +322,7 @@ _WAITS: Mapping[Asks, Moment] = {"": Moment.RUN, "record": Moment.RECORD, "confi
 
 
 @dataclass(frozen=True, slots=True)
-class Plant:
+class PlantFacts:
     """What decides of a plant, or of whatever runs θ, what a person can do now.
 
     Args:
@@ -361,7 +361,7 @@ class Study:
     at_once: int = 1
     simulates: bool = False
     phase: Phase = Phase.RUNNING
-    plant: Plant = Plant()
+    plant: PlantFacts = PlantFacts()
     thought: bool = False
     proposed: bool = False
 

@@ -5,10 +5,15 @@ import pickle
 import numpy as np
 import pytest
 
+from prefcal_app.report.write import resting
 from prefcal_bench.loops import loop, rough, rough_loop
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import End
 from prefcal_scenarios.catalog import load
+from support.varied_loops import (
+    assert_it_starts_at_rest_where_the_study_does,
+    assert_without_a_variation_the_run_is_that_of_the_study,
+)
 
 pytestmark = pytest.mark.slow  # each loop takes half a second to draw
 SEEDS = (0, 3, 7, 14)
@@ -70,3 +75,21 @@ def test_a_loop_of_which_no_draw_is_worth_tuning_is_refused(monkeypatch):
     monkeypatch.setattr(rough, "_TRIES", 2)
     with pytest.raises(ScenarioError, match="none of 2 draws of the rough loop 123456"):
         rough.accepted(123456)
+
+
+varied = pytest.mark.parametrize("name", ["rough-900", "rough-903"])
+
+
+@varied
+def test_a_varied_loop_starts_at_rest_where_the_study_does(name):
+    assert_it_starts_at_rest_where_the_study_does(name)
+
+
+@varied
+def test_without_a_variation_the_run_is_that_of_the_study(name):
+    assert_without_a_variation_the_run_is_that_of_the_study(name)
+
+
+def test_a_loop_says_where_its_inputs_rest():
+    made = load("rough-900")
+    assert resting(made) == pytest.approx(made.run.function.__self__.task.u0)

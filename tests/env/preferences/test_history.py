@@ -145,6 +145,7 @@ def test_the_kpis_of_samples_are_one_table_with_what_was_told_first():
     assert history.kpis.outcome(0) == {"a": 3.0}
     assert history.kpis.outcome(2) is None
     assert History().kpis.values.shape == (0, 0)
+    assert not history.kpis.values.flags.writeable, "all agents of the record share it"
 
 
 @given(STEPS)

@@ -3,6 +3,7 @@
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,8 @@ from prefcal_env import Channel, Channels, ClosedLoop, Maneuvers, Rig
 from prefcal_env.errors import RecordError, RunError, ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import End
 from prefcal_env.experiments.kpis import Tracking
-from prefcal_env.sources.source import Function, WithKPIs, source_of
+from prefcal_env.sources.source import Function, Varied, WithKPIs, source_of
+from prefcal_env.sources.varied import Factor
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.isolated import OwnSource, isolation
 from support.device import Device
@@ -30,6 +32,22 @@ VALVE_RIG = Rig(Channels((), (Channel("valve"),), (Channel("level"),)), (1.0,))
 
 def a_run(theta, seed=0):
     return short_run(theta)
+
+
+class Cart:
+    """Something with a run, which says what can be varied of it."""
+
+    def run(self, theta, seed=0, *, load=1.0):
+        return short_run(theta)
+
+    def varied(self):
+        mass = Factor("mass", "parameter", 1.0, 0.9, 1.1, "kg")
+        return Varied((mass,), (), lambda values: Function(self.run))
+
+
+@pytest.mark.parametrize("run", [Cart().run, partial(Cart().run, load=2.0)])
+def test_what_varies_of_a_method_is_said_by_its_object(run):
+    assert [factor.name for factor in Function(run).varied().factors] == ["mass"]
 
 
 @source_contract

@@ -112,6 +112,24 @@ def test_a_stopped_run_can_be_tried_again_or_counted_as_failed(scenario, plant):
     assert len(interview.past.experiment(0).t)
 
 
+def test_on_a_full_disk_the_record_of_a_stopped_run_is_kept_for_the_next_try(scenario, plant, monkeypatch):
+    interview = begin(scenario)
+    waited_for(interview)
+    plant.at = lambda p: interview.do(actions.StopRun(0)) if 11.9 < p.now < 12.3 else None
+    interview.do(actions.WriteAndStart(0))
+    waited_for(interview)
+
+    def full(*events):
+        raise StudyError("the disk is full")
+
+    with monkeypatch.context() as changed:
+        changed.setattr(interview.file, "append", full)
+        with pytest.raises(StudyError, match="the disk is full"):
+            interview.do(actions.Fail(0))
+    interview.do(actions.Fail(0))
+    assert len(interview.past.experiment(0).t)
+
+
 def test_a_kept_theta_does_not_hide_that_the_set_point_is_not_taken_back(scenario, plant, tmp_path):
     rig = memory_rig(plant, tmp_path, after="keep")
     interview = begin(Scenario("tank", "A tank", rig.space, rig, kpis=scenario.kpis))

@@ -6,7 +6,7 @@ from prefcal_agents import GLISp
 from prefcal_app.session import Choice, actions
 from prefcal_app.session.study import Ask, Moment, Settle, Study, Write
 from prefcal_env.preferences.history import History
-from prefcal_env.study import Answered, Created, Ended, Finished
+from prefcal_env.study import Answered, Created, Ended, Finished, Led
 from prefcal_env.study.fold import begin as created
 from prefcal_env.study.fold import step
 from support.interviews import answer_all, begin, judge, proceed
@@ -60,6 +60,21 @@ def test_an_answer_makes_another_study_and_changes_none():
     interview.do(actions.Answer(question.id, judge(question, TOY.cost)))
     assert study.next() == asked
     assert interview._driver.study.next() != asked
+
+
+def test_an_unsafe_run_never_leads_whatever_the_agent_says(monkeypatch):
+    interview = begin(TOY, n_max=6)
+    question = proceed(interview).question
+    interview.do(actions.Mark(question.id, "left", "unsafe", on=True))
+    question = proceed(interview).question
+    interview.do(actions.Answer(question.id, Choice.RIGHT))
+    proceed(interview)
+    study = interview._driver.study
+    for leader, led in ((question.left.index, False), (question.right.index, True)):
+        monkeypatch.setattr(GLISp, "leader", lambda agent, history, leader=leader: leader)
+        other = replace(study, state=replace(study.state, history=replace(study.history, leads=())))
+        monkeypatch.setattr(Study, "best", property(lambda study: None))
+        assert (other.next() == Write(Led(leader))) is led
 
 
 def test_an_ended_study_asks_nothing_whatever_the_agent_would():

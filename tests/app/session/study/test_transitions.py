@@ -11,14 +11,14 @@ import pytest
 from prefcal_agents import GLIS, GLISp, RandomSearch
 from prefcal_app.session import Phase
 from prefcal_app.session.actions import ACTIONS, transitions
-from prefcal_app.session.study import Moment, Plant, Recovery
+from prefcal_app.session.study import Moment, PlantFacts, Recovery
 from prefcal_env.study import Ended, Failed, Finished, Led, Marked, Noted, Reopened, Retracted, Shown, Undone
 from support.interviews import answer_all, begin
 from toy_study import toy_scenario
 
 DOCS = Path(__file__).parents[4] / "docs"
 RUNNING, RECORD, CONFIRM, FAILED, QUESTION, OVER = Phase
-RIG, LIVE = Plant("record", stops=False), Plant("confirm", stops=True)
+RIG, LIVE = PlantFacts("record", stops=False), PlantFacts("confirm", stops=True)
 
 
 class Enough(Exception):
@@ -89,49 +89,49 @@ def test_an_event_leads_to_a_phase_and_changes_no_earlier_study(asked, phase, ha
 CLOSED, STALE = "no longer open", "nothing was changed"
 RULES = [
     # what, study, phase, plant, why not
-    ("answer", "asked", QUESTION, Plant(), None),
-    ("answer", "asked", RUNNING, Plant(), CLOSED),
-    ("mark", "asked", OVER, Plant(), CLOSED),
-    ("undo", "asked", QUESTION, Plant(), None),
-    ("undo", "asked", FAILED, Plant(), None),
-    ("undo", "whole", OVER, Plant(), None),
-    ("undo", "new", RUNNING, Plant(), "no answer to undo"),
-    ("retract", "asked", QUESTION, Plant(), None),
-    ("retract", "new", RUNNING, Plant(), "no answer to retract"),
-    ("repeat", "asked", QUESTION, Plant(), None),
-    ("repeat", "asked", RUNNING, Plant(), "no earlier question"),
-    ("repeat", "new", QUESTION, Plant(), "no earlier question"),
-    ("pace", "asked", QUESTION, Plant(), None),
-    ("pace", "asked", FAILED, Plant(), "try it again first"),
-    ("ask_for", "asked", QUESTION, Plant(), None),
-    ("ask_for", "whole", OVER, Plant(), "continue it first"),
-    ("choose", "whole", OVER, Plant(), "nothing is simulated unseen"),
-    ("choose", "asked", QUESTION, Plant(), "has not ended"),
+    ("answer", "asked", QUESTION, PlantFacts(), None),
+    ("answer", "asked", RUNNING, PlantFacts(), CLOSED),
+    ("mark", "asked", OVER, PlantFacts(), CLOSED),
+    ("undo", "asked", QUESTION, PlantFacts(), None),
+    ("undo", "asked", FAILED, PlantFacts(), None),
+    ("undo", "whole", OVER, PlantFacts(), None),
+    ("undo", "new", RUNNING, PlantFacts(), "no answer to undo"),
+    ("retract", "asked", QUESTION, PlantFacts(), None),
+    ("retract", "new", RUNNING, PlantFacts(), "no answer to retract"),
+    ("repeat", "asked", QUESTION, PlantFacts(), None),
+    ("repeat", "asked", RUNNING, PlantFacts(), "no earlier question"),
+    ("repeat", "new", QUESTION, PlantFacts(), "no earlier question"),
+    ("pace", "asked", QUESTION, PlantFacts(), None),
+    ("pace", "asked", FAILED, PlantFacts(), "try it again first"),
+    ("ask_for", "asked", QUESTION, PlantFacts(), None),
+    ("ask_for", "whole", OVER, PlantFacts(), "continue it first"),
+    ("choose", "whole", OVER, PlantFacts(), "nothing is simulated unseen"),
+    ("choose", "asked", QUESTION, PlantFacts(), "has not ended"),
     ("record", "new", RECORD, RIG, None),
     ("record", "asked", QUESTION, RIG, None),  # it replaces one
     ("record", "new", QUESTION, RIG, "no record is waited for"),
     ("record", "asked", RUNNING, RIG, "no record is waited for"),
-    ("record", "asked", QUESTION, Plant(), "takes no record"),
+    ("record", "asked", QUESTION, PlantFacts(), "takes no record"),
     ("write_and_start", "asked", CONFIRM, replace(LIVE, ready=True), None),
     ("write_and_start", "asked", CONFIRM, LIVE, "not known yet"),
     ("write_and_start", "asked", CONFIRM, replace(LIVE, recovery=Recovery.FAILED), "old values"),
     ("write_and_start", "asked", QUESTION, replace(LIVE, ready=True), "no run is to be confirmed"),
-    ("stop_run", "asked", RUNNING, Plant(stops=True), None),
-    ("stop_run", "asked", RUNNING, Plant(), "run in seconds"),
-    ("stop_run", "asked", QUESTION, Plant(stops=True), "not running"),
+    ("stop_run", "asked", RUNNING, PlantFacts(stops=True), None),
+    ("stop_run", "asked", RUNNING, PlantFacts(), "run in seconds"),
+    ("stop_run", "asked", QUESTION, PlantFacts(stops=True), "not running"),
     ("stop_run", "asked", RUNNING, replace(LIVE, moves=True), None),
     ("stop_run", "asked", RUNNING, LIVE, "not running"),
     ("undo", "asked", RUNNING, replace(LIVE, moves=True), "stop it first"),
-    ("fail", "asked", FAILED, Plant(), "is saved"),
-    ("fail", "whole", FAILED, Plant(), STALE),
-    ("fail", "asked", QUESTION, Plant(), STALE),
-    ("retry", "asked", FAILED, Plant(), None),
+    ("fail", "asked", FAILED, PlantFacts(), "is saved"),
+    ("fail", "whole", FAILED, PlantFacts(), STALE),
+    ("fail", "asked", QUESTION, PlantFacts(), STALE),
+    ("retry", "asked", FAILED, PlantFacts(), None),
     ("retry", "asked", QUESTION, replace(LIVE, recovery=Recovery.FAILED), None),
-    ("retry", "asked", QUESTION, Plant(), "nothing has failed"),
-    ("finish", "asked", FAILED, Plant(), None),
-    ("finish", "whole", OVER, Plant(), "ended already"),
-    ("go_on", "whole", OVER, Plant(), None),
-    ("go_on", "asked", QUESTION, Plant(), "has not ended"),
+    ("retry", "asked", QUESTION, PlantFacts(), "nothing has failed"),
+    ("finish", "asked", FAILED, PlantFacts(), None),
+    ("finish", "whole", OVER, PlantFacts(), "ended already"),
+    ("go_on", "whole", OVER, PlantFacts(), None),
+    ("go_on", "asked", QUESTION, PlantFacts(), "has not ended"),
 ]
 
 
