@@ -497,7 +497,7 @@ _OURS = ("theta", "seed", "space")
 
 
 def owner_of(function: Any) -> Any:
-    """Return what knows about a run: the object whose method it is, such as `loop` of `loop.run`, or itself."""
+    """Return the object whose method a run is, such as `loop` of `loop.run`; else the run itself."""
     bare = function.func if isinstance(function, partial) else function
     return getattr(bare, "__self__", bare)
 
