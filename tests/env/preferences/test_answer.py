@@ -30,6 +30,12 @@ def test_strength_is_positive_and_finite(strength):
         Answer(Preference.TIE, strength=strength)
 
 
+@pytest.mark.parametrize("value", [np.inf, np.nan, "low", True])
+def test_a_score_is_a_finite_number(value):
+    with pytest.raises(PreferenceError, match="a score must be a finite number"):
+        Answer(None, value=value)
+
+
 @pytest.mark.parametrize("preference", [Preference.TIE, None])
 def test_a_stronger_tie_means_nothing(preference):
     answer = Answer(preference, strength=3)

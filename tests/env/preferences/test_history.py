@@ -189,6 +189,16 @@ def test_undo_drops_a_sample_that_was_proposed_after_the_answer():
     assert history.undone().pending == history.samples[1]
 
 
+def test_undo_keeps_what_was_pending_before_the_answer_and_drops_what_was_proposed_since():
+    waiting = told(None).with_another(in_cube([0.2])).with_another(in_cube([0.3]))
+    assert waiting.waits
+    asked = waiting.with_answer(Answer(-1), 0)
+    assert not asked.waits, "what waits was proposed before this answer"
+    later = asked.with_another(in_cube([0.4]))
+    assert later.waits
+    assert later.undone() == waiting
+
+
 def test_an_empty_history_has_no_best_and_nothing_to_undo():
     assert History().incumbent is None
     assert History().unbeaten() == ()

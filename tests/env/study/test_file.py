@@ -222,6 +222,17 @@ def test_a_study_without_experiments_is_an_empty_table():
         assert "0 experiments, 0 answers" in study._repr_html_()
 
 
+def test_only_answers_about_new_experiments_have_a_number():
+    with small_study(":memory:", answers=2) as study:
+        (again,) = study.append(Shown(1, 0, True, study.state.history.comparisons[1].question))
+        study.append(Answered(again, 1, 0, Answer(0)))
+        (further,) = study.append(Shown(2, 0, True))
+        study.append(Answered(further, 2, 0, Answer(1)))
+        answers = study.to_frame(answers=True)
+    assert answers["challenger"].tolist() == [2, 3, 2, 3]
+    assert answers.index.isna().tolist() == [False, False, True, True]
+
+
 def test_experiments_and_answers_are_rows_with_their_units():
     with small_study(":memory:") as study:
         frame = study.to_frame()
@@ -234,6 +245,7 @@ def test_experiments_and_answers_are_rows_with_their_units():
         answers = study.to_frame(answers=True)
         assert answers["preference"].tolist() == [-1, 0, 1]
         assert answers["comment"].tolist()[0] == "answer 1"
+        assert answers.index.tolist() == [1, 2, 3]
         shown = study._repr_html_()
         assert "4 experiments, 3 answers, best experiment 2" in shown
         assert "late [s]" in shown
