@@ -55,9 +55,3 @@ def test_a_few_rows_are_taken_as_they_are():
     t = np.linspace(0, 500, 11)
     measured, naive, _ = settled(rising(0.6, t=t), t)
     assert measured == naive
-
-
-def test_rows_at_uneven_times_are_no_noise():
-    t = np.sort(np.random.default_rng(0).uniform(0, 500, 400))
-    measured, naive, _ = settled(rising(0.0, t=t), t)
-    assert measured == naive

@@ -87,32 +87,11 @@ def test_the_unit_of_the_time_is_said(tmp_path):
     assert (run.experiment.channels.time_unit, run.experiment.channels.y[0].unit) == ("ms", "m")
 
 
-def test_a_clock_that_steps_back_in_autumn_is_said(tmp_path):
-    stamps = [f"2026-10-25 02:59:{s}" for s in range(40, 60)] + [
-        f"2026-10-25 02:00:{s:02d}" for s in range(20)
-    ]
-    run = read(tmp_path, "time,y\n" + "".join(f"{stamp},{k}\n" for k, stamp in enumerate(stamps)))
-    assert run.experiment.t.tolist() == list(range(40))
-    assert "the clock steps back by an hour at the end of summer time, after line 21: bridged" in run.about
-
-
 def test_a_first_column_that_is_no_time_is_refused(tmp_path):
     for text in ("T,power\n20,1\n21,2\n22,1\n", "temperature,power\n20,1\n22,2\n21,1\n"):
         with pytest.raises(RecordError, match=r"no column is called time, and .* may be none: name the"):
             read(tmp_path, text)
     assert read(tmp_path, "T,power\n20,1\n21,2\n22,1\n", time="T").experiment.duration == 2
-
-
-def test_columns_that_are_logged_on_change_are_held_to_the_end_and_this_is_said(tmp_path):
-    rows = "".join(
-        f"{k},{level},{2 if k == 1 else 1 if k == 0 else ''},{5 if k == 0 else ''}\n"
-        for k, level in enumerate(LEVEL)
-    )
-    run = read(tmp_path, "time,level,level ref,valve\n" + rows, inputs=("valve",))
-    e = run.experiment
-    assert (e.duration, set(e.u[:, 0]), e.y_ref[:, 0].tolist()) == (29, {5.0}, [1.0] + [2.0] * 29)
-    assert "no values in the last rows of valve, level ref: the last one is held" in run.about
-    assert "settling time of level" in e.kpis
 
 
 def test_a_row_for_each_tag_bad_values_and_what_is_left_out_are_said(tmp_path):
@@ -132,13 +111,6 @@ def test_a_row_for_each_tag_bad_values_and_what_is_left_out_are_said(tmp_path):
         "left out, as they hold quality: quality",
     ):
         assert words in run.about
-
-
-@pytest.mark.extended
-def test_a_workbook_is_looked_at(tmp_path):
-    pytest.importorskip("python_calamine", reason="needs python-calamine: pip install 'prefcal[excel]'")
-    with pytest.raises(RecordError, match="a workbook or an archive that cannot be read"):
-        read(tmp_path, b"PK\x03\x04 no workbook")
 
 
 @pytest.mark.extended

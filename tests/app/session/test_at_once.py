@@ -10,7 +10,6 @@ import pytest
 
 from prefcal_agents import RandomSearch
 from prefcal_app.session import Background, Choice, Phase, actions, runs, unattended
-from prefcal_app.view import now_view
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import End
 from prefcal_env.sources.rig import Rig
@@ -66,30 +65,11 @@ def waiting(interview):
     return [sample.theta for sample in history.samples[history.answered :]]
 
 
-def shown(now):
-    return {tuple(side.experiment.theta) for side in (now.question.left, now.question.right)}
-
-
 @pytest.fixture
 def plant():
     plant = Simulator()
     yield plant
     plant.end_all()
-
-
-def test_the_first_question_comes_as_soon_as_two_of_four_experiments_are_ready(plant):
-    interview = begin(plant.scenario, n_max=8, at_once=4)
-    with Background(interview):
-        until(interview, lambda now: now.running == 4)
-        assert now_view(interview)["progress"]["running"] == 4
-        _, second, _, fourth = waiting(interview)
-        plant.end(fourth)
-        plant.end(second)
-        now = until(interview, asks)
-        assert shown(now) == {second, fourth}
-        assert plant.most == 4
-        plant.end_all()
-        until(interview, lambda now: len(now.state.finished) == 5 or plant.end_all())
 
 
 def test_what_ends_while_a_question_is_open_is_saved_and_asked_about_next(plant):

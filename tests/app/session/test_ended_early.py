@@ -14,7 +14,7 @@ from prefcal_app.session import Phase, unattended
 from prefcal_app.view import asked_view, history_view
 from prefcal_env import End
 from prefcal_env.study import export_csv
-from support.interviews import begin, reopened
+from support.interviews import begin
 from toy_study import toy_scenario
 
 
@@ -72,13 +72,3 @@ def test_page_report_and_export_say_when_and_why(tmp_path):
     assert after in [row["challenger ended"] for row in table if row["automatic marks"]]
     with (export_csv(study.file, tmp_path) / "comparisons.csv").open() as file:
         assert "challenger cut short" in file.read()
-
-
-def test_the_file_resumes_to_the_same_agent(tmp_path):
-    path = tmp_path / "early.prefcal"
-    study = studied(path=path)
-    before, cut = study._driver.agent.state, study.now().state.history.cut_short()
-    study.file.close()
-    again = reopened(toy_scenario(), path)
-    assert again._driver.agent.state == before
-    assert again.now().state.history.cut_short() == cut != frozenset()

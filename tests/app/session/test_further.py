@@ -56,17 +56,6 @@ def test_a_question_that_a_newer_algorithm_would_not_ask_is_replaced(toy, tmp_pa
     assert now.question.challenger.index == now.state.history.answered
 
 
-def test_a_retraction_leaves_an_open_further_question_consistent(toy):
-    interview = begin(toy, n_max=8, agent=THREE)
-    until_further(interview)
-    interview.do(actions.Retract(1))
-    now = proceed(interview)
-    asked = interview._driver.agent.ask()
-    assert now.question.challenger.index == asked.challenger.index
-    interview.do(actions.Answer(now.question.id, judge(now.question, toy.cost)))
-    assert proceed(interview).question is not None
-
-
 def test_a_file_that_compares_an_experiment_before_its_own_question_is_refused(toy):
     interview = begin(toy, n_max=8, agent=THREE)
     question = until_further(interview)

@@ -3,7 +3,6 @@
 import threading
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from prefcal_agents import GLIS, GLISp
@@ -57,15 +56,6 @@ def test_the_sides_are_randomized_recorded_and_the_same_again(toy):
         sides.append([c.challenger_left for c in interview.now().state.history.comparisons[1:]])
     assert sides[0] == sides[1]
     assert {True, False} == set(sides[0])
-
-
-def test_an_answer_to_a_question_that_is_no_longer_open_changes_nothing(interview):
-    first = proceed(interview).question
-    interview.do(actions.Answer(first.id, LEFT))
-    before = interview.now().state
-    with pytest.raises(StaleError, match="no longer open"):
-        interview.do(actions.Answer(first.id, RIGHT))
-    assert interview.now().state == before
 
 
 def test_two_tabs_answer_at_once_and_one_of_them_is_told(interview):
@@ -304,19 +294,6 @@ def test_a_full_disk_at_an_answer_leaves_the_question_open(interview, monkeypatc
     assert interview.now().state.history.answered == 2
 
 
-def test_scores_take_the_place_of_questions(toy):
-    interview = begin(toy, agent=GLIS)
-    list(unattended(interview, None))
-    state = interview.now().state
-    assert [c.question for c in state.history.comparisons] == [None] * 6
-    costs = [toy.cost(interview.past.experiment(i)) for i in range(6)]
-    assert [c.answer.value for c in state.history.comparisons] == costs
-    assert interview.now().incumbent == int(np.argmin(costs))
-    verdicts = [c.answer.preference for c in interview.past.comparisons()[1:]]
-    best = np.minimum.accumulate(costs)
-    assert verdicts == [int(np.sign(new - old)) for new, old in zip(costs[1:], best, strict=False)]
-
-
 def test_a_run_without_a_record_has_no_score_and_loses(toy):
     def run(theta, seed=0):
         if theta[0] < 0.8:
@@ -357,33 +334,9 @@ def test_without_a_person_a_theta_whose_run_raises_has_failed_and_the_study_goes
         list(unattended(broken, None))
 
 
-@pytest.mark.parametrize("choice", Choice)
-def test_every_verdict_is_foreseen(toy, choice):
-    interview = begin(toy, n_max=9, ahead=True)
-    question = worked(interview).question
-    answered = interview.do(actions.Answer(question.id, choice))
-    assert answered.phase is Phase.QUESTION  # nothing had to be computed first
-
-
 def test_the_comment_comes_back_with_the_answer_that_is_taken_back(interview):
     question = proceed(interview).question
     assert interview.do(actions.Answer(question.id, Choice.LEFT, comment="it swings")).draft == ""
     now = interview.do(actions.Undo(proceed(interview).version))
     assert now.draft == "it swings"
     assert interview.do(actions.Answer(now.question.id, Choice.LEFT)).draft == ""
-
-
-def test_a_question_that_is_asked_again_is_skipped_without_a_trace(interview):
-    for _ in range(2):
-        interview.do(actions.Answer(proceed(interview).question.id, Choice.LEFT))
-    before = proceed(interview)
-    now = interview.do(actions.Repeat())
-    assert now.question.repeats is not None
-    after = interview.do(actions.Undo(now.version))
-    sides = {after.question.left.index, after.question.right.index}
-    assert sides == {before.question.left.index, before.question.right.index}
-    assert after.question.repeats is None
-    assert (after.state.history.comparisons, after.state.history.repeats) == (
-        before.state.history.comparisons,
-        (),
-    )

@@ -53,14 +53,6 @@ def test_spellings_of_the_same_table(table):
     same(from_frame(table, 1.0, time_unit="s", **USE))
 
 
-def test_files_and_frames_of_the_same_table(tmp_path):
-    frame = pd.DataFrame({"level [m]": [1, 2.5, 3, 4], "valve [%]": [5, 6, 7, 8]})
-    frame.index = pd.date_range("2026-11-23", periods=4, freq="1s", tz="Europe/Berlin")
-    (tmp_path / "run.csv").write_text(GOOD, encoding="utf-8")
-    same(from_frame(frame, 1.0, **USE))
-    same(from_frame(str(tmp_path / "run.csv"), 1.0, **USE))
-
-
 @pytest.mark.parametrize("time", ["t", "time"])
 def test_rows_that_are_selected_or_joined_keep_their_own_time(time):
     frame = pd.DataFrame({time: [0.0, 0.1, 0.5, 1.0], "level": [1.0, 9.0, 2.0, 3.0]})
@@ -87,11 +79,6 @@ def test_headings_that_are_mapped_leave_the_other_columns_as_they_are():
     assert [channel.name for channel in e.channels.y] == ["level"]
     assert e.channels.y[0].target == 2
     assert "integrated error of level" in e.kpis
-
-
-def test_without_names_all_columns_of_numbers_are_outputs():
-    e = from_frame(GOOD, 1.0)
-    assert [c.label for c in e.channels.y] == ["level [m]", "valve [%]"]
 
 
 def test_parquet_without_pyarrow_says_what_to_install(monkeypatch):
@@ -267,19 +254,6 @@ def test_flaws_that_are_allowed_are_mended():
     bridged = read(GOOD.replace("1,2.5,6", "1,,"), "missing")
     assert (bridged.y[1, 0], bridged.u[1, 0]) == (2.0, 5.0)
     assert read(GOOD + "33,1,1,e\n", "gaps").duration == 33.0
-
-
-def test_a_column_that_ends_early_is_a_run_that_stopped():
-    e = from_frame(GOOD.replace("3,4,8", "3,,8"), 1.0, **USE)
-    assert (e.duration, e.end) == (2.0, End.UNSAFE)
-
-
-def test_time_stamps_of_other_habits_need_a_format_or_dots():
-    table = "time;a\n{} 09:00:00,5;1,5\n{} 09:00:01,5;2,5\n"
-    dotted = from_frame(table.format("23.11.2026", "23.11.2026"), 1.0)
-    assert np.array_equal(dotted.t, [0, 1])
-    text = "time,a\n11/12/2026 09:00,1\n12/12/2026 09:00,2\n"
-    assert from_frame(text, 1.0, time_format="%d/%m/%Y %H:%M", time_unit="h").duration == 24.0
 
 
 def test_resampling_interpolates_outputs_and_holds_inputs():

@@ -191,17 +191,6 @@ def test_an_index_of_times_is_the_time(index):
         same_kpis(read(frame.rename_axis("time").to_csv()))
 
 
-@pytest.mark.parametrize(
-    "index",
-    [pd.date_range("2026-10-05", periods=80, freq="500ms"), pd.timedelta_range(0, periods=80, freq="500ms")],
-)
-def test_an_index_of_times_survives_a_csv(index):
-    frame = pd.DataFrame({"T": LEVEL, "T ref": 30.0}, index=index)
-    same_kpis(read(frame.rename_axis("time").to_csv()))
-    if isinstance(index, pd.DatetimeIndex):
-        same_kpis(read(frame.to_csv()))  # its heading is empty
-
-
 def local(start, zone, form="%Y-%m-%d %H:%M:%S", step=10):
     """Return what a clock in a zone shows every 10 s, from `start` in UTC."""
     stamps = pd.date_range(start, periods=80, freq=f"{step}s", tz="UTC").tz_convert(zone)
