@@ -943,6 +943,9 @@ def trend(z: Float[np.ndarray, "m n"], costs: Float[np.ndarray, "s m"], row: int
 # place. With 0.5, people who never err lose (1,292 instead of 1,478 after ten answers), and with 0.9 those
 # who are wrong every fifth time (423 instead of 614 after twenty): docs/research/screening.md.
 _DOUBT = 0.75
+# Probability that the person hardly follows the KPIs from which on nothing takes the place of what won, which
+# serves such people better: that before any answer (docs/research/people.md).
+_LOOSE = REAL[-1][1]
 
 
 def overtaking(better: Float[np.ndarray, " n"], loose: float, history: History) -> Float[np.ndarray, " n"]:
@@ -956,8 +959,7 @@ def overtaking(better: Float[np.ndarray, " n"], loose: float, history: History) 
         loose: Probability that the person hardly follows the KPIs, see `Utilities.loose`.
         history: Samples and answers.
     """
-    # Whose taste the KPIs hardly explain is better served by what won: docs/research/people.md.
-    found = np.where((better > _DOUBT) & (loose < REAL[-1][1]), better, 0.0)
+    found = np.where((better > _DOUBT) & (loose < _LOOSE), better, 0.0)
     # An unsafe run never leads, and the KPIs of one that was cut short are bounds, not values.
     found[[*history.unsafe(), *history.cut_short()]] = 0.0
     return found
