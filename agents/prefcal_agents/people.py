@@ -252,6 +252,11 @@ class Utilities:
         return len(self.errors)
 
     @property
+    def loose(self) -> Bool[np.ndarray, " s"]:
+        """Return which draws hardly follow the KPIs, shape (s,): most answers are mistakes."""
+        return np.asarray(self.errors >= REAL[-1][0])
+
+    @property
     def weights(self) -> Float[np.ndarray, "s c"]:
         """Return the weight of each KPI, and of being beyond its stated limit, shape (s, 2k)."""
         logs = self.spreads[:, None] * self.normals
@@ -938,14 +943,23 @@ def trend(z: Float[np.ndarray, "m n"], costs: Float[np.ndarray, "s m"], row: int
 # place. With 0.5, people who never err lose (1,292 instead of 1,478 after ten answers), and with 0.9 those
 # who are wrong every fifth time (423 instead of 614 after twenty): docs/research/screening.md.
 _DOUBT = 0.75
+# Probability that the person hardly follows the KPIs from which on nothing takes the place of what won, which
+# serves such people better: that before any answer (docs/research/people.md).
+_LOOSE = REAL[-1][1]
 
 
-def overtaking(better: Float[np.ndarray, " n"], history: History) -> Float[np.ndarray, " n"]:
+def overtaking(better: Float[np.ndarray, " n"], loose: float, history: History) -> Float[np.ndarray, " n"]:
     """Return how probably each sample is noticeably better than the best by the answers, (n,).
 
-    It is 0 unless the probability is above 0.75, and for those that were unsafe or cut short.
+    It is 0 unless the probability is above 0.75, for those that were unsafe or cut short, and for all
+    if answers make it no less probable than before them that the person hardly follows the KPIs.
+
+    Args:
+        better: That probability by the draws, shape (n,).
+        loose: Probability that the person hardly follows the KPIs, see `Utilities.loose`.
+        history: Samples and answers.
     """
-    found = np.where(better > _DOUBT, better, 0.0)
+    found = np.where((better > _DOUBT) & (loose < _LOOSE), better, 0.0)
     # An unsafe run never leads, and the KPIs of one that was cut short are bounds, not values.
     found[[*history.unsafe(), *history.cut_short()]] = 0.0
     return found

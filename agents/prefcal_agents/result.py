@@ -213,8 +213,9 @@ def _result(pool: Pool, history: History) -> tuple[int, bool]:
     best = history.by_answers
     assert best is not None  # something was answered
     count = history.answered
-    better = pool.weights(history) @ (pool.costs[:, :count] < pool.costs[:, [best]] - 1.0)
-    rivals = overtaking(better, history)
+    weights = pool.weights(history)
+    better = weights @ (pool.costs[:, :count] < pool.costs[:, [best]] - 1.0)
+    rivals = overtaking(better, float(weights @ pool.utilities.loose), history)
     if not rivals.any():
         return best, bool(better.max() < _SURE)
     # Worth is a rank among all simulated θ, so costs of the shown ones alone would not do.

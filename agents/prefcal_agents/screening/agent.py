@@ -251,7 +251,7 @@ class Screening(Simulating):
     `simulate`, are none.
     """
 
-    version: ClassVar[int] = 6
+    version: ClassVar[int] = 7
 
     def _prepare(self) -> None:
         self._evidences = Remembered(self._evidence_after)
@@ -315,8 +315,8 @@ class Screening(Simulating):
         """Return the sample of the largest worth that is probably better than the answers' best.
 
         One wrong answer can cost the best experiment its place. All answers and the KPIs together
-        give it back without a question. In a robust study the best one that holds takes the place of
-        one that does not.
+        give it back without a question, unless the person hardly follows the KPIs: then what won
+        stays. In a robust study the best one that holds takes the place of one that does not.
         """
         best = history.by_answers
         if best is None or len(history.lessons()) < 2 or self._simulations is None:
@@ -324,11 +324,14 @@ class Screening(Simulating):
         stage = self.stage(history)
         rows = stage.bank.rows([s.theta for s in history.samples[: history.answered]])
         better = np.mean(stage.costs[:, rows] < stage.costs[:, rows[best], None] - 1.0, axis=0)
+        loose = float(stage.utilities.loose.mean())
         if self.simulations.holds is not None:
             held = self.simulations.runs_kept(stage.bank.thetas[rows]) == ENOUGH
-            # If the best one does not hold, any that does is a rival; the largest worth among them leads.
-            better = better * held if held[best] else held.astype(float)
-        rivals = overtaking(better, history) > 0
+            better = better * held
+            if not held[best]:
+                # Any that holds is a rival, whoever answers; the largest worth among them leads.
+                better, loose = held.astype(float), 0.0
+        rivals = overtaking(better, loose, history) > 0
         if not rivals.any():
             return None
         value = np.where(rivals, worth(stage.costs)[:, rows].mean(axis=0), -np.inf)

@@ -61,7 +61,7 @@ def test_turning_an_answer_twice_changes_nothing():
     assert turned(once, 1) == history
 
 
-@pytest.mark.parametrize(("new", "low", "high"), [(BEST, 0.8, 1.0), (POOR, 0.0, 0.1), (SAME, 0.0, 0.1)])
+@pytest.mark.parametrize(("new", "low", "high"), [(BEST, 0.7, 0.85), (POOR, 0.0, 0.1), (SAME, 0.0, 0.1)])
 def test_a_question_matters_if_the_new_one_may_win(new, low, high):
     history = record((FAIR, None), (GOOD, -1), pending=new)
     assert low <= stakes(pool_of(history), history, 1) <= high
@@ -69,4 +69,12 @@ def test_a_question_matters_if_the_new_one_may_win(new, low, high):
 
 def test_only_the_probably_better_overtake_the_winner_of_the_answers():
     history = record((POOR, None), (GOOD, -1), (9, 1))
-    assert overtaking(np.array([0.74, 0.0, 0.76]), history).tolist() == [0.0, 0.0, 0.76]
+    assert overtaking(np.array([0.74, 0.0, 0.76]), 0.1, history).tolist() == [0.0, 0.0, 0.76]
+
+
+def test_the_winner_stays_if_answers_make_it_likelier_that_the_person_hardly_follows_the_kpis():
+    history, better = record((POOR, None), (GOOD, -1), (9, 1)), np.array([0.0, 0.0, 1.0])
+    before = Utilities.drawn(SCALE, 4000, np.random.default_rng(0)).loose.mean()
+    assert before == pytest.approx(0.25, abs=0.02)
+    assert overtaking(better, 0.24, history).tolist() == better.tolist()
+    assert overtaking(better, 0.26, history).tolist() == [0.0, 0.0, 0.0]

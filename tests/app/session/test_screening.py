@@ -82,6 +82,7 @@ def test_a_restarted_study_asks_the_identical_question_at_once(tmp_path):
 def test_what_the_agent_holds_for_the_best_is_the_best_of_the_record_too(tmp_path, monkeypatch):
     """Someone who now and then means the opposite, and an agent that is quick to think so."""
     monkeypatch.setattr("prefcal_agents.people._DOUBT", 0.5)
+    monkeypatch.setattr("prefcal_agents.people._LOOSE", 1.0)  # whoever answers
     path, leads = tmp_path / "mine.prefcal", 0
     interview = started(path, n_max=12, seed=1, agent=partial(Screening, n_simulated=150))
     now = proceed(interview)
