@@ -3,6 +3,8 @@
     python benchmarks/same_studies.py > before.json            # about a minute
     python benchmarks/same_studies.py --against before.json    # names what differs; exits with 1
     python benchmarks/same_studies.py --only camel --show      # the lines behind the digests
+    python benchmarks/same_studies.py --decisions              # what was asked in recorded studies
+    python benchmarks/same_studies.py --record mine.prefcal    # one more of them, on standard output
 
 benchmarks/same_studies.json holds the digests of the present code; `--against` without a file
 compares with it. Another processor, numpy or scipy may round differently: if that is so, compute
@@ -10,6 +12,11 @@ the digests of the revision before your change on the same machine, and compare 
 
 A digest covers every query (θ of both sides, exactly), every answer and the best θ. Studies that
 only one feature can change are separate, so that the names show what a deliberate change affects.
+
+benchmarks/recorded holds studies that people and plants made: at a page, on a rig, robust, on a live
+plant, by several raters. `--decisions` goes through their events, and asks the agent of this code for
+each decision: the next θ, the next pair, which one is the best, whether it is over. One that differs
+is a stated change of results or a fault. Each release adds a study of what it can do anew.
 """
 
 import os
@@ -23,7 +30,7 @@ import io
 import json
 import sys
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
@@ -33,13 +40,18 @@ from unittest import mock
 import numpy as np
 
 from prefcal_agents import GLIS, GLISp, GLISpSettings, RandomSearch, restore
-from prefcal_agents.agent import AgentState
+from prefcal_agents.agent import Agent, AgentState
 from prefcal_agents.baselines import LatinHypercube
 from prefcal_agents.transfer import respaced
 from prefcal_app.cli import main as run_prefcal
 from prefcal_app.session import actions
+from prefcal_app.session.study import ENOUGH, Ask, Study, agent_of, is_robust, is_simulating
+from prefcal_app.simulating import Simulator
 from prefcal_env import Answer, Knob, KnobSpace, Mark
 from prefcal_env.preferences.answer import Query
+from prefcal_env.study import Ended, Event, Led, Shown, State, StudyFile, Suggested, space_of, to_text
+from prefcal_env.study.fold import begin, from_text, step
+from prefcal_scenarios import load
 
 RECORD = Path(__file__).with_suffix(".json")
 Lines = list[str]
@@ -362,8 +374,6 @@ def in_file(*steps: str | Callable[[Path], None]) -> Lines:
 def interfere(folder: Path) -> None:
     """Undo, retract and mark, as a person does on the page."""
     from prefcal_app.session import Interview, Phase
-    from prefcal_env.study import StudyFile
-    from prefcal_scenarios import load
 
     with StudyFile.open(folder / "own.prefcal", clock=lambda: "2026-01-01T00:00:00+00:00") as file:
         interview = Interview(load(f"{folder / 'own.py'}:own"), file, ahead=False)
@@ -402,6 +412,61 @@ def in_files() -> dict[str, Callable[[], Lines]]:
     }
 
 
+# Decisions of recorded studies, taken again after each event.
+
+RECORDED = Path(__file__).parent / "recorded"
+
+
+def recorded(study: Path) -> Lines:
+    """Return the events of a study file, a line each, without trajectories: decisions need none."""
+    with StudyFile.open(study, clock=str, reading=True) as file:
+        return [to_text(each.event) for each in file.events()]
+
+
+def decisions(lines: Iterable[str]) -> Iterator[tuple[int, Event, Event | None]]:
+    """Yield the number of each decision in a recorded study, what was decided, and what is now.
+
+    What people decided, such as a θ of their own or an early end, is no decision of an agent.
+    """
+    strategy: Agent | None = None
+    configuration: tuple[Mapping[str, Any], int] = {}, 0
+    state = State({}, "", 0)
+    with contextlib.ExitStack() as stack:
+        for seq, event in enumerate(map(from_text, lines), start=1):
+            if _is_decision(event):
+                if strategy is None or (state.configuration, state.n_max) != configuration:
+                    configuration = state.configuration, state.n_max
+                    strategy = agent_of(state, space_of(state.configuration), _simulator(state, stack))
+                todo = Study(strategy, state).next()
+                now = todo.shown if isinstance(todo, Ask) else getattr(todo, "event", None)
+                yield seq, event, now
+            state = begin(seq, "", event) if seq == 1 else step(state, seq, "", event)
+
+
+def _is_decision(event: Event) -> bool:
+    match event:
+        case Shown(repeats=repeats):
+            return repeats is None
+        case Ended(reason=reason):
+            return reason in (ENOUGH, "all compared")
+    return isinstance(event, Suggested | Led)
+
+
+def _simulator(state: State, stack: contextlib.ExitStack) -> Simulator | None:
+    """Return what the agent of a recorded study simulates with; None if it simulates nothing."""
+    if not is_simulating(state):
+        return None
+    scenario, seed = load(state.configuration["scenario"]), int(state.configuration["seed"])
+    return stack.enter_context(Simulator(scenario, seed=seed, jobs=0, robust=is_robust(state)))
+
+
+def decided_anew(path: Path) -> Lines:
+    """Return each decision of a recorded study that differs now, as a line, after their number."""
+    every = list(decisions(path.read_text(encoding="utf-8").splitlines()))
+    wrong = [f"{path.stem}, event {seq}: {then} became {now}" for seq, then, now in every if then != now]
+    return [f"{path.stem}: {len(every)} decisions, {len(wrong)} differ", *wrong]
+
+
 def digest(lines: Lines) -> str:
     """Return the digest of a study."""
     return sha256("\n".join(lines).encode()).hexdigest()
@@ -423,7 +488,19 @@ def main() -> None:
     parser.add_argument("--against", metavar="FILE", type=Path, nargs="?", const=RECORD)
     parser.add_argument("--only", metavar="TEXT", default="", help="studies with this in the name")
     parser.add_argument("--show", action="store_true", help="print the lines behind the digests")
+    parser.add_argument(
+        "--decisions", metavar="FOLDER", type=Path, nargs="?", const=RECORDED, help="replay recorded studies"
+    )
+    parser.add_argument("--record", metavar="STUDY", type=Path, help="print a study to be recorded")
     args = parser.parse_args()
+    if args.record is not None:
+        print("\n".join(recorded(args.record)))
+        return
+    if args.decisions is not None:
+        paths = [path for path in sorted(args.decisions.glob("*.jsonl")) if args.only in path.stem]
+        told = [decided_anew(path) for path in paths]
+        print("\n".join(line for lines in told for line in lines))
+        sys.exit(any(len(lines) > 1 for lines in told))
     studies = {n: run for n, run in (in_memory() | in_files()).items() if args.only in n}
     lines = {name: run() for name, run in studies.items()}
     found = {name: digest(one) for name, one in lines.items()}

@@ -356,6 +356,13 @@ class Strategy:
         """Return the sample to hold for the best; None if the answers alone say which it is."""
         return None
 
+    def learned(self, history: History) -> bytes:
+        """Return what took long to learn from `history`, for `recall`; empty if nothing does."""
+        return b""
+
+    def recall(self, learned: bytes) -> None:
+        """Use what an agent with the same settings `learned`, as far as the record is the same."""
+
     def _prepare(self) -> None:
         """Load what proposals need, and make what remembers them."""
 

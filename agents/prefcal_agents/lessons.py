@@ -1,7 +1,7 @@
 """What a record teaches: training data as arrays, and what is worked out answer by answer."""
 
 from collections import OrderedDict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Generic, TypeVar, final
@@ -297,6 +297,10 @@ class Remembered(Generic[Known]):
         """Return whether what is known of `history` is in memory, so that it takes no time."""
         return history.key in self._known
 
+    def recall(self, history: History, known: Known) -> None:
+        """Remember what an earlier session worked out of `history`."""
+        self._known[history.key] = known
+
 
 @final
 class Stages(Generic[Known]):
@@ -309,6 +313,10 @@ class Stages(Generic[Known]):
         most: Number of answers after which steps are long: ten answers at once, and the rest. This
             saves time when a long study is opened. With None, they never are.
         whole: Whether a new experiment and all follow-up answers after it are one step.
+
+    Attributes:
+        recalled: Function of a record that returns what an earlier session knew after it, None if
+            that was not kept.
     """
 
     def __init__(
@@ -321,12 +329,13 @@ class Stages(Generic[Known]):
     ) -> None:
         self._first, self._following, self._most, self._whole = first, following, most, whole
         self._known = Remembered(self._work_out, _STAGES)
+        self.recalled: Callable[[History], Known | None] = lambda past: None
 
     def __call__(self, history: History) -> Known:
         """Return what is known after `history`."""
         steps = [history.until(history.answered)]
         # From the latest one in memory on: a step that asks for the one before would nest too deeply.
-        while steps[-1] not in self._known and (before := self._before(steps[-1])) is not None:
+        while not self._is_at_hand(steps[-1]) and (before := self._before(steps[-1])) is not None:
             steps.append(before)
         for here in reversed(steps[1:]):
             self._known(here)
@@ -335,6 +344,28 @@ class Stages(Generic[Known]):
     def __contains__(self, history: History) -> bool:
         """Return whether what is known after `history` is in memory."""
         return history.until(history.answered) in self._known
+
+    def worth_keeping(self, history: History) -> Iterator[tuple[bytes, Known]]:
+        """Yield what is in memory and what the next stages, and those after an undo, follow from soon.
+
+        Each comes with the key of its record, see `recalled`.
+        """
+        count = history.answered
+        recent = (history.until(k) for k in range(count, max(count - _SELDOM, 0), -1))
+        latest = next((past for past in recent if past in self._known), None)
+        # Long steps begin at every tenth answer, and so does what follows after an undo.
+        for past in (latest, history.until((count - 1) // _SELDOM * _SELDOM)):
+            if past is not None and past.answered and past in self._known:
+                yield past.key, self._known(past)
+
+    def _is_at_hand(self, past: History) -> bool:
+        """Return whether what is known after `past` is in memory, or was kept by an earlier session."""
+        if past in self._known:
+            return True
+        found = self.recalled(past)
+        if found is not None:
+            self._known.recall(past, found)
+        return found is not None
 
     def _work_out(self, past: History) -> Known:
         before = self._before(past)

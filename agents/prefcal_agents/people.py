@@ -251,6 +251,22 @@ class Utilities:
     def __len__(self) -> int:
         return len(self.errors)
 
+    def to_bytes(self) -> bytes:
+        """Return all numbers, to the last bit, which `of_bytes` reads."""
+        return np.column_stack([getattr(self, f.name) for f in fields(self)]).tobytes()
+
+    @classmethod
+    def of_bytes(cls, content: bytes, kpis: int) -> "Utilities | None":
+        """Return the draws that `to_bytes` returned; None if they are not `DRAWS` draws of `kpis` KPIs."""
+        if len(content) != 8 * DRAWS * (5 * kpis + 4):
+            return None
+        numbers = np.frombuffer(content).reshape(DRAWS, -1)
+        wide = [numbers[:, i * kpis : (i + 1) * kpis] for i in range(5)]
+        spreads, noticed, ordered, errors = numbers[:, 5 * kpis :].T
+        # Contiguous as they were: the order in memory decides how numpy adds, and so the last bit.
+        parts = map(np.ascontiguousarray, [*wide, spreads, noticed, ordered.astype(np.int64), errors])
+        return cls(*parts)
+
     @property
     def loose(self) -> Bool[np.ndarray, " s"]:
         """Return which draws hardly follow the KPIs, shape (s,): most answers are mistakes."""

@@ -51,3 +51,24 @@ def test_the_lines_behind_a_digest_can_be_shown(same_studies):
     assert code == 0
     assert len(lines) == 21
     assert lines[-1].startswith("best ")
+
+
+def test_the_recorded_studies_are_decided_as_they_were(same_studies):
+    code, out, _ = same_studies("--decisions", "--only", "")
+    told = [line.partition(": ") for line in out.splitlines()]
+    assert [name for name, _, _ in told] == ["live", "page", "raters", "rig", "robust"]
+    assert all(words.endswith("decisions, 0 differ") for _, _, words in told)
+    assert code == 0
+
+
+def test_another_decision_is_named(same_studies, tmp_path):
+    path = FILE.parent / "recorded" / "rig.jsonl"
+    lines = path.read_text(encoding="utf-8").splitlines()
+    ending = next(k for k, line in enumerate(lines) if '"suggested"' in line)
+    event = json.loads(lines[ending])
+    event["theta"][0] = event["z"][0] = 0.5
+    (tmp_path / "rig.jsonl").write_text("\n".join([*lines[:ending], json.dumps(event)]), encoding="utf-8")
+    code, out, _ = same_studies("--decisions", tmp_path, "--only", "")
+    assert code == 1
+    assert out.splitlines()[0] == "rig: 1 decisions, 1 differ"
+    assert out.splitlines()[1].startswith(f"rig, event {ending + 1}: Suggested(index=0")

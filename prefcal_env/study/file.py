@@ -26,6 +26,7 @@ from prefcal_env.errors import StudyError
 from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.knobs import theta_key
 
+from .beside import SUFFIX, all_beside
 from .fold import (
     LONGEST_HEADER,
     Created,
@@ -437,10 +438,6 @@ def save_copy(content: bytes, path: Path) -> Path:
 
 # --- Locate, remove and rename studies: by path, or by name in the user's data folder.
 
-SUFFIX = ".prefcal"
-SIMULATED = b"prefcal simulated 1 "
-"""Beginning of a file that keeps the KPIs of simulated θ beside a study."""
-
 
 def data_folder() -> Path:
     """Return the folder of named studies, which may not exist yet."""
@@ -468,23 +465,6 @@ def studies_in_data_folder() -> list[Path]:
     return sorted(data_folder().glob(f"*{SUFFIX}"))
 
 
-def simulated_beside(study: Path) -> Path:
-    """Return the file that keeps the KPIs of simulated θ beside the file of a study."""
-    stem = study.stem if study.suffix == SUFFIX else study.name
-    return study.with_name(f"{stem}.simulated")
-
-
-def is_simulated(path: Path) -> bool:
-    """Return whether the file keeps KPIs of simulated θ, or is empty or missing."""
-    try:
-        with path.open("rb") as file:
-            return file.read(len(SIMULATED)) in (SIMULATED, b"")
-    except FileNotFoundError:
-        return True
-    except OSError:
-        return False
-
-
 def make_data_folder(path: Path) -> None:
     """Create the folder of named studies if `path` is in it; other folders must exist.
 
@@ -509,8 +489,7 @@ def remove_study(path: Path | str) -> None:
     with told(file, "remove", "Nothing was removed"), _alone(file):
         file.unlink()
     _remove_logs(file)
-    kept = simulated_beside(file)
-    if is_simulated(kept):
+    for _, kept in all_beside(file):
         kept.unlink(missing_ok=True)
 
 
@@ -525,10 +504,10 @@ def rename_study(old: Path | str, new: Path | str) -> None:
         publish(source, target)
         source.unlink(missing_ok=True)
     _remove_logs(source)
-    kept, moved = simulated_beside(source), simulated_beside(target)
-    if is_simulated(kept) and is_simulated(moved):
-        with suppress(OSError):  # they would be simulated again
-            kept.replace(moved)
+    theirs = dict(all_beside(target))
+    for kind, kept in all_beside(source):
+        with suppress(OSError, KeyError):  # it only saves time
+            kept.replace(theirs[kind])
 
 
 @contextmanager

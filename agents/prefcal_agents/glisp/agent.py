@@ -1,9 +1,11 @@
 """GLISp: preference-based optimization with radial basis functions and IDW exploration."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import ClassVar, NamedTuple, Self, final
 
+import msgspec
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.special import expit, logit
@@ -35,6 +37,7 @@ from .fits import (
     Fit,
     GLISpSettings,
     GLISpSetup,
+    Learned,
     ModelSelection,
     Selection,
     is_process_turn,
@@ -410,6 +413,16 @@ class GLISp(Agent):
             return follow_up(history, self._models, self.settings)
         # With error rate 0 every answer counts as right, as in the paper.
         return final_question(history) if self.settings.error_rate else None
+
+    def learned(self, history: History) -> bytes:
+        """Return draws and shapes of φ after `history`, which take a tenth of a second an answer."""
+        with one_thread():
+            return msgspec.msgpack.encode(self._models.learned(history))
+
+    def recall(self, learned: bytes) -> None:
+        """Use what an agent with the same settings `learned`, as far as the record is the same."""
+        with suppress(msgspec.MsgspecError):  # of another version: all is learned anew
+            self._models.recall(msgspec.msgpack.decode(learned, type=Learned))
 
     @classmethod
     def paper(

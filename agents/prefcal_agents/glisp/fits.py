@@ -1,7 +1,7 @@
 """What GLISp fits after each answer: the shape of φ, a test for wrong answers, and what KPIs say."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from typing import Any, Literal, final
 
@@ -264,6 +264,14 @@ def _first(seed: int) -> KPIFit:
     return KPIFit(bank, np.arange(0), scale, _draw(scale, _rng(seed, History())))
 
 
+def _recalled(past: History, draws: bytes) -> KPIFit | None:
+    """Return the fit after `past` that an earlier session kept the draws of; None if they do not fit."""
+    bank, part = _experiments(past), Memory.of(past).history
+    scale = Scale.of(bank, np.arange(len(bank)))
+    utilities = Utilities.of_bytes(draws, len(scale.names))
+    return None if utilities is None else _fit(bank, part, scale, utilities)
+
+
 def _draw(scale: Scale, rng: np.random.Generator) -> Utilities:
     return Utilities.drawn(scale, DRAWS, rng, mistakes=SURE)
 
@@ -278,9 +286,12 @@ def _following(seed: int, past: History, before: History, fit: KPIFit) -> KPIFit
     if scale.names and (past.lessons() or past.unsafe()):
         old, new = (Lessons.of(bank, scale, each) for each in (Memory.of(before).history, part))
         utilities = updated(utilities, old, new, scale, rng, SURE)
+    return _fit(bank, part, scale, utilities)
+
+
+def _fit(bank: Bank, part: History, scale: Scale, utilities: Utilities) -> KPIFit:
     # Processes cost the cube of their points: only what the memory keeps enters them.
-    kept = np.unique(bank.rows([sample.theta for sample in part.samples]))
-    return KPIFit(bank, kept, scale, utilities)
+    return KPIFit(bank, np.unique(bank.rows([s.theta for s in part.samples])), scale, utilities)
 
 
 def _experiments(history: History) -> Bank:
@@ -502,6 +513,29 @@ class _Shapes:
     tests: tuple[Callable[[], float], ...] = ()
 
 
+@dataclass(frozen=True, slots=True)
+class KeptShapes:
+    """Fields of `_Shapes` as they are kept between sessions: tests as their evidence."""
+
+    shape: Shape
+    suited: Shape
+    tested: Shape | None
+    evidence: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Learned:
+    """What takes long to learn, to keep it between sessions: all by the key of its record.
+
+    Args:
+        draws: Numbers of `Utilities`.
+        shapes: Chosen shapes of φ.
+    """
+
+    draws: dict[bytes, bytes] = field(default_factory=dict)
+    shapes: dict[bytes, KeptShapes] = field(default_factory=dict)
+
+
 @final
 class ModelSelection:
     """Selections after each number of experiments, each starting from the one before.
@@ -522,6 +556,35 @@ class ModelSelection:
         self.after = Remembered(self._selection)
         """What is selected after a history."""
         self._explained = Remembered(self._explains)
+
+    def learned(self, history: History) -> Learned:
+        """Return what later sessions can recall of `history`."""
+        found = Learned()
+        if self._kpi_fits is not None:
+            for key, fit in self._kpi_fits.worth_keeping(judged(history)):
+                found.draws[key] = fit.utilities.to_bytes()
+        for key, stage in self._stages.worth_keeping(history):
+            evidence = tuple(test() for test in stage.tests)
+            found.shapes[key] = KeptShapes(stage.shape, stage.suited, stage.tested, evidence)
+        return found
+
+    def recall(self, learned: Learned) -> None:
+        """Use what an earlier session learned, where the record is still the same."""
+
+        def stage(past: History) -> _Shapes | None:
+            kept = learned.shapes.get(past.key)
+            if kept is None:
+                return None
+            tests = tuple(partial(float, evidence) for evidence in kept.evidence)
+            return _Shapes(kept.shape, kept.suited, kept.tested, tests)
+
+        def fit(past: History) -> KPIFit | None:
+            draws = learned.draws.get(past.key)
+            return None if draws is None else _recalled(past, draws)
+
+        self._stages.recalled = stage
+        if self._kpi_fits is not None:
+            self._kpi_fits.recalled = fit
 
     def fit(self, history: History) -> Fit:
         """Return what is learned from `history`."""

@@ -36,7 +36,7 @@ from prefcal_app.terminal.showing import say
 from prefcal_env.compiling import Compiling
 from prefcal_env.errors import RecordError, RunError, SettingsError, SimulationError, StudyError
 from prefcal_env.study import State, StudyFile, study_path
-from prefcal_env.study.file import simulated_beside
+from prefcal_env.study.beside import SIMULATED, beside_study
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.described.description import listed, words_to_resume
 from prefcal_scenarios.isolated import isolation
@@ -302,6 +302,7 @@ def calibration(
                 simulator=simulator,
                 at_once=options.at_once,
             )
+        stack.callback(interview.close)
         yield Calibration(options, interview, claim, messages, resumed)
 
 
@@ -335,7 +336,7 @@ def _simulator(
     if keep and options.study is not None and not given:
         source = options.scenario if options.twin is None else options.twin
         key = key_of(studied, source, state.configuration, versions())
-        kept = Kept(simulated_beside(Path(file.path)), key)
+        kept = Kept(beside_study(Path(file.path), SIMULATED), key)
     jobs = 0 if given else None
     simulator = Simulator(
         studied, seed=options.seed, jobs=jobs, longest=limit, kept=kept, robust=options.robust

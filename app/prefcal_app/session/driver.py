@@ -1,10 +1,13 @@
 """Drive a study: what is under way, and each event saved before it counts."""
 
+import platform
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
+from importlib.metadata import version
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
@@ -15,10 +18,12 @@ from prefcal_app.simulating import Screened, Simulator, past_of
 from prefcal_env.errors import RunError, StudyError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs import theta_key
+from prefcal_env.plain import digest
 from prefcal_env.preferences.answer import Answer, Preference, completed
 from prefcal_env.preferences.history import History, Sample
 from prefcal_env.sources import Run, Source
 from prefcal_env.study import Answered, Event, Finished, Shown, State, StudyFile, Suggested
+from prefcal_env.study.beside import read_learned, write_learned
 from prefcal_scenarios.scenario import Scenario
 
 from .study import (
@@ -149,6 +154,52 @@ class Thoughts:
         if self.simulator is not None and self.about and (history is None or self.about.key != history.key):
             self.about = None
             self.simulator.abandon()
+
+
+# --- Keep beside the study what its agent has learned, so that a long study resumes soon.
+
+
+class Memory:
+    """What an agent has learned, in a file beside the study: a cache that only saves time.
+
+    Args:
+        file: Study file; nothing is kept of a study in memory.
+    """
+
+    _WORTH = 10  # number of answers that are learned from again within a second or two, so nothing is kept
+
+    def __init__(self, file: StudyFile) -> None:
+        self._file, self._kept = file, 0
+
+    def recall(self, agent: Agent) -> None:
+        """Let `agent` use what was kept of the same record, agent and settings."""
+        if self._file.state.history.answered >= self._WORTH:
+            agent.recall(read_learned(Path(self._file.path), _key(agent)))
+            self._kept = self._file.state.history.answered
+
+    def is_due(self, agent: Agent) -> bool:
+        """Return whether so much was learned since the last time that it should be kept now."""
+        return abs(agent.history.answered - self._kept) >= self._WORTH and self._file.path != ":memory:"
+
+    def keep(self, agent: Agent) -> None:
+        """Keep what `agent` has learned; it raises nothing."""
+        self._kept = agent.history.answered
+        if self._kept < self._WORTH or self._file.path == ":memory:" or not self._file.in_place:
+            return
+        with suppress(Exception):  # whatever it is, the study has lost nothing
+            if content := agent.learned(agent.history):
+                write_learned(Path(self._file.path), _key(agent), content)
+
+
+def _key(agent: Agent) -> str:
+    """Return hexadecimal digits that change with all that is learned but the record.
+
+    That is agent, version, seed and settings, and what computes: another library or kind of processor
+    may add in another order.
+    """
+    libraries = [(name, version(name)) for name in ("prefcal", "numpy", "scipy", "piqp")]
+    settings = {**agent.configuration, "n_max": None}  # people add experiments, from which nothing follows
+    return digest((settings, libraries, platform.machine())).hex()
 
 
 # --- Hold the runs of an interview: those in progress, and those that wait to begin.
@@ -345,6 +396,7 @@ class Driver:
     version: int = 0
     latest: Latest = Latest()
     study: Study = field(init=False)
+    memory: Memory = field(init=False)
     underway: UnderWay = field(init=False)
     changed: threading.Condition = field(default_factory=lambda: threading.Condition(threading.RLock()))
     """Lock; it is notified of each change."""
@@ -366,6 +418,8 @@ class Driver:
         )
         self.underway = UnderWay(source, self.study.seed)
         self.underway.changed = self.tell
+        self.memory = Memory(self.file)
+        self.memory.recall(self.agent)
 
     @property
     def phase(self) -> Phase:

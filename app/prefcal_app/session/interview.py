@@ -346,6 +346,7 @@ class Interview:
         self._driver = Driver(file, store, agent, Thoughts(simulator, twin), at_once)
         self.past = Past(self._driver)
         self.known = Known(self._driver, lambda: self.scenario)
+        self._asks = asks
         self._preparing: Compiling | None = None
         self._idle_at: int | None = None
         if asks:
@@ -490,6 +491,8 @@ class Interview:
         """Take no more work and end a run of the user's scenario; the study file stays open."""
         driver = self._driver
         with driver.changed:
+            if not driver.closing and self._asks:
+                driver.memory.keep(driver.agent)
             driver.closing = True
             driver.underway.stop("given up")
             if driver.thoughts.simulator is not None:

@@ -207,6 +207,8 @@ def due(driver: Driver, *, ahead: bool) -> Job[Any] | None:
         if driver.at_once > 1:
             return _beside(driver) if study.proposed else Proceed()
         return _running(driver, pending)
+    if driver.phase is Phase.QUESTION and driver.memory.is_due(driver.agent):
+        return Keep(driver)
     if driver.phase is Phase.QUESTION and is_unexplained(driver):
         return Say(driver)
     if driver.phase is Phase.OVER and is_unsaid(driver):
@@ -253,6 +255,20 @@ class Proceed:
         """
         if driver.phase is Phase.RUNNING:
             driver.proceed()
+
+
+class Keep:
+    """Keep what the agent has learned beside the study, while the person looks at a question."""
+
+    def __init__(self, driver: Driver) -> None:
+        self.memory, self.twin = driver.memory, driver.agent.copy()
+
+    def run(self) -> None:
+        """Keep it."""
+        self.memory.keep(self.twin)
+
+    def finish(self, driver: Driver, found: None) -> None:
+        """Do nothing."""
 
 
 class RunAhead:

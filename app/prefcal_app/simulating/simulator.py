@@ -28,7 +28,7 @@ from prefcal_env.knobs import KnobSpace, theta_key, theta_keys
 from prefcal_env.preferences.answer import Outcome
 from prefcal_env.preferences.history import History, Sample
 from prefcal_env.study import knobs_as_dicts, within_as_dict
-from prefcal_env.study.file import SIMULATED, is_simulated
+from prefcal_env.study.beside import SIMULATED, head_of, is_ours
 from prefcal_env.units import named, same
 from prefcal_env.wording import labeled
 from prefcal_env.workers import Pool, Terms, usable_cores
@@ -53,7 +53,7 @@ class Kept:
     """
 
     def __init__(self, path: Path, key: str) -> None:
-        self._path, self._head = path, SIMULATED + key.encode() + b"\n"
+        self._path, self._head = path, head_of(SIMULATED, key)
         self._file: BinaryIO | None = None
         self._lines: list[bytes] = []
         self.known: dict[bytes, Outcome] = {}
@@ -96,7 +96,7 @@ class Kept:
     def _opened(self) -> BinaryIO:
         """Open the file to add to it, written anew without what is not usable."""
         if not self._whole:
-            if not is_simulated(self._path):
+            if not is_ours(self._path):
                 raise ValueError(f"{self._path} is something else")
             with whole_file(self._path) as part:
                 part.write_bytes(self._head + b"".join(self._lines))

@@ -17,7 +17,7 @@ from prefcal_env.study import (
     study_path,
     verify,
 )
-from prefcal_env.study.file import SIMULATED, simulated_beside
+from prefcal_env.study.beside import LEARNED, SIMULATED, beside_study, head_of
 
 
 @pytest.fixture(autouse=True)
@@ -121,12 +121,12 @@ def test_what_is_not_there_is_named(tmp_path):
         remove_study(tmp_path / "a.prefcal")
 
 
-def test_simulations_go_with_their_study(tmp_path):
+def test_what_is_kept_beside_a_study_goes_with_it(tmp_path):
     made(tmp_path / "a.prefcal").close()
-    kept = tmp_path / "a.simulated"
-    kept.write_bytes(SIMULATED + b"key\n")
+    for kind in (SIMULATED, LEARNED):
+        (tmp_path / f"a.{kind}").write_bytes(head_of(kind, "key"))
     rename_study(tmp_path / "a.prefcal", tmp_path / "b.prefcal")
-    assert {path.name for path in tmp_path.iterdir()} == {"b.prefcal", "b.simulated"}
+    assert {path.name for path in tmp_path.iterdir()} == {"b.prefcal", "b.simulated", "b.learned"}
     remove_study(tmp_path / "b.prefcal")
     assert list(tmp_path.iterdir()) == []
 
@@ -134,12 +134,13 @@ def test_simulations_go_with_their_study(tmp_path):
 def test_a_file_of_that_name_that_is_something_else_stays(tmp_path):
     made(tmp_path / "a.prefcal").close()
     made(tmp_path / "b.simulated").close()
-    (tmp_path / "a.simulated").write_bytes(SIMULATED)
+    (tmp_path / "a.simulated").write_bytes(head_of(SIMULATED, ""))
     rename_study(tmp_path / "a.prefcal", tmp_path / "b.prefcal")
     remove_study(tmp_path / "b.prefcal")
     assert not verify(tmp_path / "b.simulated")
 
 
-def test_a_study_is_never_its_own_simulations(tmp_path):
-    for name in ("a.prefcal", "a.simulated", "a.db", "a"):
-        assert simulated_beside(tmp_path / name).name != name
+@pytest.mark.parametrize("kind", [SIMULATED, LEARNED])
+def test_a_study_is_never_what_is_kept_beside_it(tmp_path, kind):
+    for name in ("a.prefcal", f"a.{kind}", "a.db", "a"):
+        assert beside_study(tmp_path / name, kind).name != name
