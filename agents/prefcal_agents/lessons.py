@@ -4,7 +4,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Generic, TypeVar, final
+from typing import Any, Generic, TypeVar, final
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -276,19 +276,19 @@ class Remembered(Generic[Known]):
     Nothing of it has to be saved, and copies of an agent share it: memory only saves time.
 
     Args:
-        function: Function of a record.
+        function: Function of a record; anything else that it is given follows from the record.
         most: Number of results in memory.
     """
 
-    def __init__(self, function: Callable[[History], Known], most: int = _LATEST) -> None:
+    def __init__(self, function: Callable[..., Known], most: int = _LATEST) -> None:
         self._function, self._most = function, most
         self._known: OrderedDict[bytes, Known] = OrderedDict()
 
-    def __call__(self, history: History) -> Known:
+    def __call__(self, history: History, *given: Any) -> Known:
         """Return what the function returns for `history`."""
         with suppress(KeyError):  # another thread may drop it at any time
             return self._known[history.key]
-        known = self._known[history.key] = self._function(history)
+        known = self._known[history.key] = self._function(history, *given)
         while len(self._known) > self._most:
             self._known.popitem(last=False)
         return known
@@ -324,21 +324,24 @@ class Stages(Generic[Known]):
 
     def __call__(self, history: History) -> Known:
         """Return what is known after `history`."""
-        steps = [history.until(history.answered)]
+        here, steps = history.past, list[History]()
         # From the latest one in memory on: a step that asks for the one before would nest too deeply.
-        while steps[-1] not in self._known and (before := self._before(steps[-1])) is not None:
-            steps.append(before)
-        for here in reversed(steps[1:]):
-            self._known(here)
-        return self._known(steps[0])
+        while here not in self._known and (before := self._before(here)) is not None:
+            steps.append(here)
+            here = before
+        known = self._known(here, None)
+        for step in reversed(steps):
+            here, known = step, self._known(step, (here, known))
+        return known
 
     def __contains__(self, history: History) -> bool:
         """Return whether what is known after `history` is in memory."""
-        return history.until(history.answered) in self._known
+        return history.past in self._known
 
-    def _work_out(self, past: History) -> Known:
-        before = self._before(past)
-        return self._first() if before is None else self._following(past, before, self._known(before))
+    def _work_out(self, past: History, before: tuple[History, Known] | None) -> Known:
+        if before is None and (earlier := self._before(past)) is not None:
+            before = earlier, self(earlier)  # another thread dropped what was in memory just now
+        return self._first() if before is None else self._following(past, *before)
 
     def _before(self, past: History) -> History | None:
         """Return the record one step before `past`; None if nothing is answered."""
@@ -348,5 +351,6 @@ class Stages(Generic[Known]):
         while self._most is not None and count > self._most and count % _SELDOM:
             count -= 1
         before = past.until(count)
-        alone = replace(past, follow_ups=before.follow_ups)
-        return before if self._whole or alone == past else alone
+        if self._whole or len(before.follow_ups) == len(past.follow_ups):
+            return before
+        return replace(past, follow_ups=before.follow_ups)

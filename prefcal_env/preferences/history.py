@@ -358,9 +358,9 @@ class History:
     repeats: tuple[Comparison, ...] = ()
     leads: tuple[Lead, ...] = ()
 
-    # Conclusions from the record.
+    # Conclusions from the record. It is frozen, so what an answer asks for many times is worked out once.
 
-    @cached_property  # each memory asks for it
+    @cached_property
     def key(self) -> bytes:
         """Return a digest of all that agents go by: no circumstances, and no repeated questions."""
         return digest((self.samples, [c.key for c in self.counting], self.leads))
@@ -380,15 +380,15 @@ class History:
         found.values.setflags(write=False)  # all agents of the record share it
         return found
 
-    @property
+    @cached_property
     def answered(self) -> int:
         """Return the number of samples whose query is closed: the index of the next one."""
         return len(self.comparisons)
 
-    @property
+    @cached_property
     def pending(self) -> Sample | None:
         """Return the sample that takes the next number; None if none is proposed yet."""
-        return next(iter(self.samples[self.answered :]), None)
+        return self.samples[self.answered] if len(self.samples) > self.answered else None
 
     @property
     def waits(self) -> bool:
@@ -396,7 +396,7 @@ class History:
         waiting = self.samples[self.answered :]
         return any(s.after is None or s.after >= self.answered for s in waiting)
 
-    @property
+    @cached_property
     def counting(self) -> tuple[Comparison, ...]:
         """Return all answers except those to repeated questions; follow-ups come last."""
         return (*self.comparisons, *self.follow_ups)
@@ -436,12 +436,12 @@ class History:
             c.challenger for c in self.comparisons if Mark.CHALLENGER_CUT_SHORT in c.answer.marks
         )
 
-    @property
+    @cached_property
     def given(self) -> int:
         """Return the number of answers, follow-ups included."""
         return len(self.comparisons) + len(self.follow_ups)
 
-    @property
+    @cached_property
     def incumbent(self) -> int | None:
         """Return the index of the best sample so far; None before the first answer.
 
@@ -450,7 +450,7 @@ class History:
         latest = self.leads[-1] if self.leads else None
         return latest.index if latest and latest.after == self.given else self.by_answers
 
-    @property
+    @cached_property
     def by_answers(self) -> int | None:
         """Return the index of the best sample by all answers; None before the first one.
 
@@ -495,6 +495,13 @@ class History:
         """
         asked = (c for c in self.counting if not (standing and c.retracted))
         return any({c.challenger, c.incumbent} == {first, second} for c in asked)
+
+    @cached_property
+    def past(self) -> "History":
+        """Return the answered samples with their answers and follow-ups: what anything is learned from."""
+        alone = len(self.samples) == self.answered and not (self.repeats or self.leads)
+        # The same object, so that what was worked out from it is there.
+        return self if alone else self.until(self.answered)
 
     def until(self, count: int) -> "History":
         """Return the first `count` samples with their answers and follow-ups."""

@@ -468,7 +468,7 @@ class GLISp(Agent):
         return self._foresights(self.history)
 
     def _foresight(self, history: History) -> Foresight | None:
-        past, best = history.until(history.answered), history.incumbent
+        past, best = history.past, history.incumbent
         if best is None or len(past.lessons()) < FROM or not (self.settings.kpis and past.kpis.names):
             return None
         # A space with fewer θ than experiments asked for has no next one to speak of.
@@ -490,7 +490,7 @@ class GLISp(Agent):
     def foresees(self) -> bool:
         """Return whether `foresight` takes milliseconds only: nothing has to be learned for it."""
         proposed = self.history.pending is not None or self.history in self._next
-        return proposed and self._models.knows(self.history.until(self.history.answered))
+        return proposed and self._models.knows(self.history.past)
 
     def surrogate(self, thetas: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
         """Return how good physical `thetas` are expected to be, shape (m, n), for plotting.

@@ -275,7 +275,7 @@ class Screening(Simulating):
         None before the second answer, and where experiments measured other KPIs than those
         simulated, on which no certificate was measured.
         """
-        return self._evidences(self.history.until(self.history.answered))
+        return self._evidences(self.history.past)
 
     def _evidence_after(self, history: History) -> Evidence | None:
         best = self.leader(history)
@@ -336,7 +336,7 @@ class Screening(Simulating):
 
     def has_enough(self, history: History) -> bool:
         """Return whether little is left by the certificate, and the best misses no objective and holds."""
-        past = history.until(history.answered)
+        past = history.past
         found, best = self._evidences(past), self.leader(past)
         if found is None or best is None or not Certificate.of(found).enough:
             return False

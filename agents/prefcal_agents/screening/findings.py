@@ -247,7 +247,7 @@ def _reason(agent: Screening, stage: Stage) -> Reason | None:
 
 def _explain_result(agent: Screening, known: Findings) -> Findings:
     """Add what the answer to the open query can change or, at the end, what carries the result."""
-    past = agent.history.until(agent.history.answered)
+    past = agent.history.past
     if not known.over:
         return replace(known, stakes=_stakes(agent, past))
     if agent.best_index is None or not past.lessons():
@@ -302,7 +302,7 @@ def _share(ours: float, theirs: float) -> float | None:
 
 def _find_smaller_change(agent: Screening, known: Findings) -> Findings:
     """Add the smallest change that is as good as the result."""
-    past = agent.history.until(agent.history.answered)
+    past = agent.history.past
     stage = agent.stage(agent.history)
     if agent.best_index is None or not past.lessons() or stage.rough or not stage.scale.names:
         return known

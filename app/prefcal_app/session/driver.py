@@ -412,7 +412,7 @@ class Driver:
         Raises:
             StudyError: If they cannot be saved; then nothing has changed.
         """
-        phase, state = self.phase, self.file.state
+        state = self.file.state
         try:
             return self.file.append(*events)
         finally:
@@ -421,7 +421,7 @@ class Driver:
                     happened = event[0] if isinstance(event, tuple) else event
                     self.study = self.study.feed(happened, self.file.state)
                 self.become(self.agent)
-                self.version += self.phase is not phase
+                self.version += 1
 
     def become(self, agent: Agent) -> None:
         """Go on with an agent, which learns what the study file says."""

@@ -347,6 +347,7 @@ class Interview:
         self.past = Past(self._driver)
         self.known = Known(self._driver, lambda: self.scenario)
         self._preparing: Compiling | None = None
+        self._seen: Now | None = None
         self._idle_at: int | None = None
         if asks:
             self._driver.resume()
@@ -367,26 +368,31 @@ class Interview:
             return self._scenario
 
     def now(self) -> Now:
-        """Return a consistent view of the current state."""
+        """Return a consistent view of the latest version, which is made once."""
         driver = self._driver
         with driver.changed:
-            study, underway = driver.study, driver.underway
-            return Now(
-                version=driver.version,
-                phase=driver.phase,
-                question=driver.question,
-                problem=None if driver.problem is None else in_words(driver.problem),
-                pending=study.pending,
-                incumbent=study.best,
-                can=possible(driver.standing),
-                state=driver.state,
-                preparing=self._preparing,
-                draft=driver.latest.draft,
-                run_limit=underway.source.limit,
-                simulated=simulated(driver),
-                running=len(underway.going) if driver.at_once > 1 else 0,
-                plant=underway.plant_now(study.pending),
-            )
+            if self._seen is None or self._seen.version != driver.version:
+                self._seen = self._look()
+            return self._seen
+
+    def _look(self) -> Now:
+        driver, study, underway = self._driver, self._driver.standing, self._driver.underway
+        return Now(
+            version=driver.version,
+            phase=study.phase,
+            question=driver.question,
+            problem=None if driver.problem is None else in_words(driver.problem),
+            pending=study.pending,
+            incumbent=study.best,
+            can=possible(study),
+            state=study.state,
+            preparing=self._preparing,
+            draft=driver.latest.draft,
+            run_limit=underway.source.limit,
+            simulated=simulated(driver),
+            running=len(underway.going) if driver.at_once > 1 else 0,
+            plant=underway.plant_now(study.pending),
+        )
 
     def wait(self, version: int, timeout: float) -> Now:
         """Return as soon as the version differs from `version`, or after `timeout` seconds."""

@@ -225,6 +225,7 @@ class Restore:
     def __init__(self, driver: Driver) -> None:
         self.recovery = driver.underway.plant.recover()
         self.recovery.changed = driver.underway.changed
+        driver.version += 1
 
     def run(self) -> str:
         """Return why it failed; empty if it did not."""
@@ -284,7 +285,7 @@ class RunSample(RunAhead):
     def finish(self, driver: Driver, found: Experiment | Exception | None) -> None:
         """Take the result."""
         driver.underway.end(self.theta, found)
-        driver.version += found is None  # front ends show what it asks
+        driver.version += 1  # front ends show what it asks, or that it is over
         # Not a failure if it was given up: it runs again when it is needed again.
         given_up = isinstance(found, RunError) and found.why == "given up"
         if found is not None and not given_up:
@@ -310,7 +311,7 @@ def _beside(driver: Driver) -> RunSample | None:
             driver.thoughts.prefetch.is_known(theta) or sample.index in driver.state.failures
         )
         if theta_key(theta) not in driver.underway.going and not failed:
-            driver.version += driver.phase is Phase.RUNNING  # so that front ends say how many run
+            driver.version += 1  # so that front ends say how many run
             return _running(driver, sample)
     return None
 
@@ -357,7 +358,6 @@ def _ran_beside(driver: Driver, index: int, result: Experiment | Exception, thet
         driver.append((Finished(index), result))
     else:
         driver.thoughts.prefetch.keep_failure(theta, result)
-    driver.version += 1
 
 
 def attempt(
