@@ -36,7 +36,7 @@ class Preferences:
     @classmethod
     def of(cls, history: History) -> "Preferences":
         """Return the comparisons of all answers that are not retracted."""
-        lessons = history.lessons()
+        lessons = history.lessons
         return cls(
             samples=cube_of(history),
             first=np.array([c.challenger for c in lessons], dtype=np.int64),
@@ -75,7 +75,7 @@ class Marks:
         without a mark it does not say that sample 0 is safe. Nor is a run known to be safe that
         was cut short: what it became is unknown.
         """
-        unsafe, seen, good = history.unsafe(), set[int](), set[int | None]()
+        unsafe, seen, good = history.unsafe, set[int](), set[int | None]()
         for c in history.counting:
             if c.retracted:
                 continue
@@ -83,7 +83,7 @@ class Marks:
             good.update(sides[mark] for mark in c.answer.marks if mark in sides)
             if c.incumbent is not None:
                 seen.update((c.challenger, c.incumbent))
-        safe = (seen - history.cut_short()) | {i for i in good if i is not None}
+        safe = (seen - history.cut_short) | {i for i in good if i is not None}
         known = np.array(sorted(safe | unsafe), dtype=np.int64)
         labels = np.array([index in unsafe for index in known], dtype=np.bool_)
         return cls(cube_of(history)[known], labels)
@@ -127,7 +127,7 @@ _SAMPLES = 4 / 3  # maximum number of samples that these compare, in units of `M
 
 
 @dataclass(frozen=True, slots=True)
-class Memory:
+class Subset:
     """The part of a history to learn from, as a history of its own.
 
     If a study has more than `MOST` answers or samples, this part holds `MOST` answers: the oldest
@@ -148,10 +148,10 @@ class Memory:
     kept: Int[np.ndarray, " K"]
 
     @classmethod
-    def of(cls, history: History, most: int = MOST) -> "Memory":
+    def of(cls, history: History, most: int = MOST) -> "Subset":
         """Return the part of `history` to learn from: at most `most` answers."""
         count = history.answered
-        lessons = history.lessons()
+        lessons = history.lessons
         if max(count, len(lessons)) <= most:
             return cls(history, np.arange(count))
         samples = {history.incumbent or 0}
@@ -165,7 +165,7 @@ class Memory:
         others = [i for i in range(count) if i not in samples]
         samples.update(others[len(others) - max(min(most, count) - len(samples), 0) :])
         kept = np.array(sorted(samples), dtype=np.int64)
-        return cls(_part(history, [lessons[h] for h in sorted(chosen)], kept), kept)
+        return cls(_history_of(history, [lessons[h] for h in sorted(chosen)], kept), kept)
 
 
 def _by_weight(lessons: Sequence[Comparison], most: int) -> list[int]:
@@ -181,7 +181,7 @@ def _by_weight(lessons: Sequence[Comparison], most: int) -> list[int]:
     return [*oldest, *sorted(rest, key=lambda h: (later[h], -h))]
 
 
-def _part(history: History, lessons: Sequence[Comparison], kept: Int[np.ndarray, " K"]) -> History:
+def _history_of(history: History, lessons: Sequence[Comparison], kept: Int[np.ndarray, " K"]) -> History:
     """Return a history of the samples `kept` and of `lessons`; other samples only teach KPIs."""
     number = {int(index): k for k, index in enumerate(kept)}
     own = {c.challenger: c for c in lessons if c.after is None}
@@ -215,10 +215,10 @@ def judged(history: History) -> History:
     is larger. Answers about such a run teach nothing about KPIs: they follow from what was learned,
     or are about half a run.
     """
-    cut = history.cut_short()
+    cut = history.cut_short
     if not cut:
         return history
-    z, (names, kpis), partial = cube_of(history), history.kpis, cut | history.unsafe()
+    z, (names, kpis), partial = cube_of(history), history.kpis, cut | history.unsafe
     # Interrupted runs have infinite KPIs. So have those that never settle, which look the same.
     finite = ~np.isnan(kpis).all(axis=1) & ~np.isinf(kpis).any(axis=1)
     whole = [i for i in np.flatnonzero(finite).tolist() if i not in partial]

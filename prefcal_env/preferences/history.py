@@ -251,8 +251,10 @@ class Comparison:
     @cached_property  # records share their answers, so a longer record costs little more
     def key(self) -> bytes:
         """Return a digest of what agents go by: the first five fields."""
-        answer = replace(self.answer, strength=float(self.answer.strength))  # 1 is 1.0
-        return digest((self.challenger, self.incumbent, answer, self.after, self.retracted))
+        a = self.answer
+        # A strength of 1 is one of 1.0, which a digest tells apart.
+        told = (a.preference, float(a.strength), a.marks, a.outcomes, a.value, a.automatic)
+        return digest((self.challenger, self.incumbent, told, self.after, self.retracted))
 
     @property
     def verdict(self) -> Verdict | None:
@@ -331,8 +333,7 @@ class KPIValues(NamedTuple):
     @classmethod
     def of(cls, outcomes: Sequence[Outcome]) -> "KPIValues":
         """Return the KPIs of N experiments as one table."""
-        names = tuple(sorted({name for outcome in outcomes for name in outcome}))
-        rows = [outcome.row(names) for outcome in outcomes]
+        names, rows = Outcome.table(outcomes)
         return cls(names, np.array(rows, dtype=float).reshape(len(rows), len(names)))
 
     def outcome(self, row: int) -> Outcome | None:
@@ -415,6 +416,7 @@ class History:
         since = tuple(c for c in self.follow_ups if c.after == self.answered)
         return (*self.comparisons[-1:], *since)
 
+    @cached_property
     def lessons(self) -> tuple[Comparison, ...]:
         """Return the answers from which agents learn a preference, in the order given."""
         return tuple(c for c in self.in_order() if c.teaches)
@@ -423,13 +425,17 @@ class History:
         """Return the verdicts that are not retracted, in the order given."""
         return tuple(v for c in self.in_order() if (v := c.verdict) is not None)
 
-    def unsafe(self, *, automatic: bool = False) -> frozenset[int]:
-        """Return the indices of the samples marked unsafe by answers that are not retracted.
+    @cached_property
+    def unsafe(self) -> frozenset[int]:
+        """Return the indices of the samples marked unsafe by answers that are not retracted."""
+        return _unsafe(self.counting)
 
-        With `automatic`, only marks that no person gave count, see `Answer.automatic`.
-        """
-        return _unsafe(self.counting, automatic=automatic)
+    @property
+    def interrupted(self) -> frozenset[int]:
+        """Return those of `unsafe` that no person marked: their runs were interrupted."""
+        return _unsafe(self.counting, automatic=True)
 
+    @cached_property
     def cut_short(self) -> frozenset[int]:
         """Return the indices of the samples whose runs were cut short: their KPIs are bounds."""
         return frozenset(
@@ -462,7 +468,7 @@ class History:
         scores = [(c.value, c.challenger) for c in self.comparisons if c.value is not None]
         if scores and not verdicts:
             return min(scores)[1]
-        return best_of(verdicts, self.unsafe())
+        return best_of(verdicts, self.unsafe)
 
     def incumbents(self) -> tuple[int, ...]:
         """Return the best sample after each closed query and the follow-ups until the next one."""
@@ -485,7 +491,7 @@ class History:
         if best is None:
             return ()
         verdicts = self.verdicts()
-        others = [g for g in undominated(verdicts, self.unsafe()) if best not in g]
+        others = [g for g in undominated(verdicts, self.unsafe) if best not in g]
         return (best, *sorted(representative(verdicts, group) for group in others))
 
     def asked(self, first: int, second: int, *, standing: bool = False) -> bool:
@@ -512,7 +518,7 @@ class History:
 
     def with_best(self, index: int) -> "History":
         """Hold sample `index`, unless it is unsafe, for the best until the next answer."""
-        if index == self.incumbent or index in self.unsafe():
+        if index == self.incumbent or index in self.unsafe:
             return self
         return replace(self, leads=(*self.leads, Lead(index, self.given)))
 

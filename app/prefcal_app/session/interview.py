@@ -239,10 +239,10 @@ def simulated(driver: Driver) -> Simulated | None:
     agent = cast(Screening, driver.agent)
     planned = agent.n_simulated
     # What was simulated for answers that were not given is not counted.
-    shown = len(driver.state.finished)
+    shown = len(driver.study.state.finished)
     count, failed = min(simulator.count, planned), simulator.failed
     if screened is not None:
-        count, failed = len(screened.bank), int(screened.bank.failed.sum())
+        count, failed = len(screened.bank.failed), int(screened.bank.failed.sum())
     # Equal θ run once: where nothing is simulated any more, fewer than that were.
     twin, due = driver.thoughts.twin is not None, agent.due if simulator.busy else 0
     return Simulated(count, planned, failed, shown, twin=twin, due=due)
@@ -371,6 +371,7 @@ class Interview:
         """Return a consistent view of the latest version, which is made once."""
         driver = self._driver
         with driver.changed:
+            # Not at each change: many versions are seen by nobody.
             if self._seen is None or self._seen.version != driver.version:
                 self._seen = self._look()
             return self._seen
@@ -383,7 +384,8 @@ class Interview:
             question=driver.question,
             problem=None if driver.problem is None else in_words(driver.problem),
             pending=study.pending,
-            incumbent=study.best,
+            plant=underway.plant_now(study.pending),
+            incumbent=study.state.history.incumbent,
             can=possible(study),
             state=study.state,
             preparing=self._preparing,
@@ -391,7 +393,6 @@ class Interview:
             run_limit=underway.source.limit,
             simulated=simulated(driver),
             running=len(underway.going) if driver.at_once > 1 else 0,
-            plant=underway.plant_now(study.pending),
         )
 
     def wait(self, version: int, timeout: float) -> Now:
