@@ -20,7 +20,7 @@ class StepSearch(Agent):
         rng = np.random.default_rng([self.setup.seed, history.answered])  # nothing else to remember
         if history.answered < n_init:
             return rng.random(n)
-        answers = [c.answer.preference for c in history.lessons()[n_init - 1 :]]  # -1: it won
+        answers = [c.answer.preference for c in history.lessons[n_init - 1 :]]  # -1: it won
         step = min(0.2 * 1.5 ** answers.count(-1) * 0.9 ** answers.count(1), 0.5)
         parent = np.array(history.samples[history.incumbent].z)
         return np.clip(parent + step * rng.standard_normal(n), 0.0, 1.0)

@@ -6,7 +6,7 @@ from support.traces import AGENTS, answer, own_kpi
 
 
 @pytest.mark.parametrize(
-    ("agent", "files", "crossings"), [("GLISp", 76, 1_560), ("Screening", 89, 2_950)], ids=[*AGENTS]
+    ("agent", "files", "crossings"), [("GLISp", 36, 1_080), ("Screening", 42, 2_080)], ids=[*AGENTS]
 )
 def test_an_own_kpi_takes_few_ways_between_files(tmp_path, agent, files, crossings):
     trace = own_kpi(tmp_path, AGENTS[agent])
@@ -15,7 +15,7 @@ def test_an_own_kpi_takes_few_ways_between_files(tmp_path, agent, files, crossin
 
 
 @pytest.mark.parametrize(
-    ("agent", "files", "crossings"), [("GLISp", 62, 680), ("Screening", 62, 900)], ids=[*AGENTS]
+    ("agent", "files", "crossings"), [("GLISp", 28, 370), ("Screening", 30, 520)], ids=[*AGENTS]
 )
 def test_an_answer_takes_few_ways_to_the_next_question(agent, files, crossings):
     trace = answer(AGENTS[agent])

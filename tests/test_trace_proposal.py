@@ -4,7 +4,7 @@ import pytest
 
 from support.traces import PROPOSALS, proposal
 
-FILES, CROSSINGS = 20, 300
+FILES, CROSSINGS = 14, 200
 
 
 @pytest.mark.parametrize(("make", "experiment"), PROPOSALS)

@@ -281,12 +281,14 @@ class Turn(NamedTuple):
         pair: Known samples to compare now; None if there are none.
         best: Index of the best sample; None before the first answer.
         queries: A query for each pending sample, which is compared with the best one.
+        over: Whether all experiments are answered and it is clear which one is the best.
     """
 
     history: History
     pair: Pair | None
     best: int | None
     queries: tuple[Query, ...]
+    over: bool
 
 
 class Strategy:
@@ -335,7 +337,8 @@ class Strategy:
 
     def _forget(self) -> None:
         """Forget what followed from records, since it would be something else now."""
-        self._turn = Remembered(self._decide)
+        self.turn = Remembered(self._decide)
+        """What is decided after a record, see `Turn`."""
         self._next = Remembered(self._new_sample)
 
     # What an agent defines: functions of a record.
@@ -380,7 +383,7 @@ class Strategy:
             leader = self._leader(history)
             history = history if leader is None else history.with_best(leader)
             pair = self.question(history)
-        if pair is not None and history.cut_short() & {*pair}:
+        if pair is not None and history.cut_short & {*pair}:
             pair = None  # half a run cannot be compared with a whole one
         return self._turn_of(history, pair)
 
@@ -390,7 +393,7 @@ class Strategy:
         rival = None if best is None or self.by_value else _suggestion(history, best)
         waiting = range(history.answered, len(history.samples))
         queries = tuple(Query(_suggestion(history, index), rival) for index in waiting)
-        return Turn(history, pair, best, queries)
+        return Turn(history, pair, best, queries, pair is None and history.answered >= self._most(history))
 
     def _new_sample(self, history: History) -> Sample:
         """Return a given θ unchanged, a proposed one rounded to values that can be dialed in."""
@@ -409,42 +412,32 @@ class Strategy:
 
     def knows(self, history: History) -> bool:
         """Return whether it is remembered what is asked after `history`, so that it takes no time."""
-        if history.pending is not None or history not in self._turn:
+        if history.pending is not None or history not in self.turn:
             return history.pending is not None
-        turn, ended = self._turn(history), history.answered >= self._most(history)
-        return ended or turn.pair is not None or turn.history in self._next
+        turn = self.turn(history)
+        return turn.over or turn.pair is not None or turn.history in self._next
 
     def _learned(self, history: History) -> History:
         """Return what is learned from: a study file also has what each score was compared with."""
         return history.scores_alone() if self.by_value else history
 
-    def leader(self, history: History) -> int | None:
-        """Return the sample that is the best after `history`; None before any answer."""
-        return self._turn(history).best
-
-    def is_over(self, history: History) -> bool:
-        """Return whether all experiments are answered and it is clear which one is the best."""
-        return history.answered >= self._most(history) and self._turn(history).pair is None
-
     def has_enough(self, history: History) -> bool:
         """Return whether a person may as well stop after `history`; no if the agent cannot tell."""
         return False
 
-    def open(self, history: History, n: int = 1) -> tuple[History, list[Query]]:
-        """Return what is asked after `history`: the record with all it is asked about, and queries.
+    def open(self, turn: Turn, n: int = 1) -> tuple[History, list[Query]]:
+        """Return what is asked at a `turn`: the record with all it is asked about, and queries.
 
         The same record gives the same, whatever was asked before. See `ask`.
 
         Raises:
             ProtocolError: If all experiments are answered.
         """
-        turn = self._turn(history)
-        history = turn.history
+        history, most = turn.history, self._most(turn.history)
         if turn.pair is not None:
             new, old = (_suggestion(history, index) for index in turn.pair)
             return history, [Query(new, old, further=True), *turn.queries]
-        most = self._most(history)
-        if history.answered >= most:
+        if turn.over:
             why = f"all {most} experiments are answered"
             if most < self.setup.n_max:
                 why = f"every one of the {most} θ of the space has been tried"
@@ -452,7 +445,7 @@ class Strategy:
         # One after the other: each pending sample keeps the next ones away from it.
         for _ in range(len(history.samples), min(history.answered + n, most)):
             history = history.with_another(self._next(history))
-        return history, list((turn if history is turn.history else self._turn(history)).queries)
+        return history, list((turn if history is turn.history else self.turn(history)).queries)
 
     def _most(self, history: History) -> int:
         """Return the number of experiments; fewer than asked for if the space holds fewer θ."""
@@ -514,7 +507,7 @@ class Agent(Strategy):
     @property
     def done(self) -> bool:
         """Return whether all experiments are answered and it is clear which one is the best."""
-        return self.is_over(self.history)
+        return self.turn(self.history).over
 
     @property
     def best(self) -> Float[np.ndarray, " n"]:
@@ -527,7 +520,7 @@ class Agent(Strategy):
     @property
     def best_index(self) -> int | None:
         """Return the index of the best sample; None before any answer. It may take simulations."""
-        return self.leader(self.history)
+        return self.turn(self.history).best
 
     @property
     def samples(self) -> Float[np.ndarray, "N n"]:
@@ -556,7 +549,7 @@ class Agent(Strategy):
         """
         if n is not None:
             integer("n", n, low=1)
-        self.history, queries = self.open(self.history, 1 if n is None else int(n))
+        self.history, queries = self.open(self.turn(self.history), 1 if n is None else int(n))
         return queries[0] if n is None else queries
 
     def tell(self, query: Query, answer: Any, /) -> None:
@@ -575,7 +568,7 @@ class Agent(Strategy):
         given = Answer.scored(answer) if self.by_value else Answer.of(answer)
         try:
             # An agent that was just restored has not asked yet; the same record gives the same query.
-            history, queries = self.open(self.history)
+            history, queries = self.open(self.turn(self.history))
         except ProtocolError as over:
             raise ProtocolError(f"told {query}, but all {self.n_max} experiments are answered") from over
         if query not in queries:
@@ -603,7 +596,7 @@ class Agent(Strategy):
         changed = self.history.retracted(index, follow_up=further)  # before anything is proposed
         if self.history.answered < self.n_max:
             # The open sample is fixed first: its experiment may be running, and must not become another one.
-            changed = self._settled().retracted(index, follow_up=further)
+            changed = self._settle().retracted(index, follow_up=further)
         self.history = changed
 
     def replace_pending(self, theta: Float[np.ndarray, " n"]) -> None:
@@ -634,15 +627,13 @@ class Agent(Strategy):
     @property
     def state(self) -> AgentState:
         """Return everything that has to be saved, including the sample of the open query."""
-        self.history = self._settled()
+        self.history = self._settle()
         return self._state(self.history)
 
-    def _settled(self) -> History:
+    def _settle(self) -> History:
         """Return the record with what is decided after it, so that it no longer changes."""
-        turn = self._turn(self.history)
-        if turn.pair is not None or turn.history.answered >= self._most(turn.history):
-            return turn.history
-        return self.open(turn.history)[0]
+        turn = self.turn(self.history)
+        return turn.history if turn.over or turn.pair is not None else self.open(turn)[0]
 
     @classmethod
     def restore(cls, space: KnobSpace, state: AgentState) -> Self:
@@ -714,7 +705,7 @@ def rematch(history: History) -> Pair | None:
     best, verdicts = history.by_answers, history.verdicts()
     if best is None:
         return None
-    for group in undominated(verdicts, history.unsafe()):
+    for group in undominated(verdicts, history.unsafe):
         rival = representative(verdicts, group)
         if best not in group and not history.asked(best, rival, standing=True):
             return max(best, rival), min(best, rival)

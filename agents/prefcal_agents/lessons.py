@@ -4,7 +4,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Generic, TypeVar, final
+from typing import Any, Generic, TypeVar, final
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -36,7 +36,7 @@ class Preferences:
     @classmethod
     def of(cls, history: History) -> "Preferences":
         """Return the comparisons of all answers that are not retracted."""
-        lessons = history.lessons()
+        lessons = history.lessons
         return cls(
             samples=cube_of(history),
             first=np.array([c.challenger for c in lessons], dtype=np.int64),
@@ -75,7 +75,7 @@ class Marks:
         without a mark it does not say that sample 0 is safe. Nor is a run known to be safe that
         was cut short: what it became is unknown.
         """
-        unsafe, seen, good = history.unsafe(), set[int](), set[int | None]()
+        unsafe, seen, good = history.unsafe, set[int](), set[int | None]()
         for c in history.counting:
             if c.retracted:
                 continue
@@ -83,7 +83,7 @@ class Marks:
             good.update(sides[mark] for mark in c.answer.marks if mark in sides)
             if c.incumbent is not None:
                 seen.update((c.challenger, c.incumbent))
-        safe = (seen - history.cut_short()) | {i for i in good if i is not None}
+        safe = (seen - history.cut_short) | {i for i in good if i is not None}
         known = np.array(sorted(safe | unsafe), dtype=np.int64)
         labels = np.array([index in unsafe for index in known], dtype=np.bool_)
         return cls(cube_of(history)[known], labels)
@@ -127,7 +127,7 @@ _SAMPLES = 4 / 3  # maximum number of samples that these compare, in units of `M
 
 
 @dataclass(frozen=True, slots=True)
-class Memory:
+class Subset:
     """The part of a history to learn from, as a history of its own.
 
     If a study has more than `MOST` answers or samples, this part holds `MOST` answers: the oldest
@@ -148,10 +148,10 @@ class Memory:
     kept: Int[np.ndarray, " K"]
 
     @classmethod
-    def of(cls, history: History, most: int = MOST) -> "Memory":
+    def of(cls, history: History, most: int = MOST) -> "Subset":
         """Return the part of `history` to learn from: at most `most` answers."""
         count = history.answered
-        lessons = history.lessons()
+        lessons = history.lessons
         if max(count, len(lessons)) <= most:
             return cls(history, np.arange(count))
         samples = {history.incumbent or 0}
@@ -165,7 +165,7 @@ class Memory:
         others = [i for i in range(count) if i not in samples]
         samples.update(others[len(others) - max(min(most, count) - len(samples), 0) :])
         kept = np.array(sorted(samples), dtype=np.int64)
-        return cls(_part(history, [lessons[h] for h in sorted(chosen)], kept), kept)
+        return cls(_history_of(history, [lessons[h] for h in sorted(chosen)], kept), kept)
 
 
 def _by_weight(lessons: Sequence[Comparison], most: int) -> list[int]:
@@ -181,7 +181,7 @@ def _by_weight(lessons: Sequence[Comparison], most: int) -> list[int]:
     return [*oldest, *sorted(rest, key=lambda h: (later[h], -h))]
 
 
-def _part(history: History, lessons: Sequence[Comparison], kept: Int[np.ndarray, " K"]) -> History:
+def _history_of(history: History, lessons: Sequence[Comparison], kept: Int[np.ndarray, " K"]) -> History:
     """Return a history of the samples `kept` and of `lessons`; other samples only teach KPIs."""
     number = {int(index): k for k, index in enumerate(kept)}
     own = {c.challenger: c for c in lessons if c.after is None}
@@ -215,10 +215,10 @@ def judged(history: History) -> History:
     is larger. Answers about such a run teach nothing about KPIs: they follow from what was learned,
     or are about half a run.
     """
-    cut = history.cut_short()
+    cut = history.cut_short
     if not cut:
         return history
-    z, (names, kpis), partial = cube_of(history), history.kpis, cut | history.unsafe()
+    z, (names, kpis), partial = cube_of(history), history.kpis, cut | history.unsafe
     # Interrupted runs have infinite KPIs. So have those that never settle, which look the same.
     finite = ~np.isnan(kpis).all(axis=1) & ~np.isinf(kpis).any(axis=1)
     whole = [i for i in np.flatnonzero(finite).tolist() if i not in partial]
@@ -276,19 +276,19 @@ class Remembered(Generic[Known]):
     Nothing of it has to be saved, and copies of an agent share it: memory only saves time.
 
     Args:
-        function: Function of a record.
+        function: Function of a record; anything else that it is given follows from the record.
         most: Number of results in memory.
     """
 
-    def __init__(self, function: Callable[[History], Known], most: int = _LATEST) -> None:
+    def __init__(self, function: Callable[..., Known], most: int = _LATEST) -> None:
         self._function, self._most = function, most
         self._known: OrderedDict[bytes, Known] = OrderedDict()
 
-    def __call__(self, history: History) -> Known:
+    def __call__(self, history: History, *given: Any) -> Known:
         """Return what the function returns for `history`."""
         with suppress(KeyError):  # another thread may drop it at any time
             return self._known[history.key]
-        known = self._known[history.key] = self._function(history)
+        known = self._known[history.key] = self._function(history, *given)
         while len(self._known) > self._most:
             self._known.popitem(last=False)
         return known
@@ -333,17 +333,19 @@ class Stages(Generic[Known]):
 
     def __call__(self, history: History) -> Known:
         """Return what is known after `history`."""
-        steps = [history.until(history.answered)]
+        here, steps = history.past, list[History]()
         # From the latest one in memory on: a step that asks for the one before would nest too deeply.
-        while not self._is_at_hand(steps[-1]) and (before := self._before(steps[-1])) is not None:
-            steps.append(before)
-        for here in reversed(steps[1:]):
-            self._known(here)
-        return self._known(steps[0])
+        while not self._is_at_hand(here) and (before := self._before(here)) is not None:
+            steps.append(here)
+            here = before
+        known = self._known(here, None)
+        for step in reversed(steps):
+            here, known = step, self._known(step, (here, known))
+        return known
 
     def __contains__(self, history: History) -> bool:
         """Return whether what is known after `history` is in memory."""
-        return history.until(history.answered) in self._known
+        return history.past in self._known
 
     def worth_keeping(self, history: History) -> Iterator[tuple[bytes, Known]]:
         """Yield what is in memory and what the next stages, and those after an undo, follow from soon.
@@ -356,7 +358,7 @@ class Stages(Generic[Known]):
         # Long steps begin at every tenth answer, and so does what follows after an undo.
         for past in (latest, history.until((count - 1) // _SELDOM * _SELDOM)):
             if past is not None and past.answered and past in self._known:
-                yield past.key, self._known(past)
+                yield past.key, self._known(past, None)
 
     def _is_at_hand(self, past: History) -> bool:
         """Return whether what is known after `past` is in memory, or was kept by an earlier session."""
@@ -367,9 +369,10 @@ class Stages(Generic[Known]):
             self._known.recall(past, found)
         return found is not None
 
-    def _work_out(self, past: History) -> Known:
-        before = self._before(past)
-        return self._first() if before is None else self._following(past, before, self._known(before))
+    def _work_out(self, past: History, before: tuple[History, Known] | None) -> Known:
+        if before is None and (earlier := self._before(past)) is not None:
+            before = earlier, self(earlier)  # another thread dropped what was in memory just now
+        return self._first() if before is None else self._following(past, *before)
 
     def _before(self, past: History) -> History | None:
         """Return the record one step before `past`; None if nothing is answered."""
@@ -379,5 +382,6 @@ class Stages(Generic[Known]):
         while self._most is not None and count > self._most and count % _SELDOM:
             count -= 1
         before = past.until(count)
-        alone = replace(past, follow_ups=before.follow_ups)
-        return before if self._whole or alone == past else alone
+        if self._whole or len(before.follow_ups) == len(past.follow_ups):
+            return before
+        return replace(past, follow_ups=before.follow_ups)

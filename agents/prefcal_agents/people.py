@@ -493,12 +493,10 @@ class Lessons:
         An unsafe experiment is worse than all others that a person looked at.
         """
         rows = bank.rows([sample.theta for sample in history.samples[: history.answered]])
-        given = [
-            (v.challenger, v.incumbent, v.preference, c.answer.strength)
-            for c in history.lessons()
-            if (v := c.verdict) is not None
+        given: list[tuple[int, int | None, Preference | None, float]] = [
+            (c.challenger, c.incumbent, c.answer.preference, c.answer.strength) for c in history.lessons
         ]
-        unsafe = history.unsafe()
+        unsafe = history.unsafe
         seen = {i for c in history.counting if c.incumbent is not None for i in (c.challenger, c.incumbent)}
         given += [(i, j, Preference.CHALLENGER, 1.0) for j in sorted(unsafe) for i in sorted(seen - unsafe)]
         turned = [(b, a) if p is Preference.INCUMBENT else (a, b) for a, b, p, _ in given]
@@ -614,7 +612,7 @@ def explains(history: History, bank: Bank, scale: Scale, utilities: Utilities) -
         scale: How the KPIs are measured.
         utilities: Draws of what the person wants, given the answers.
     """
-    lessons = history.lessons()
+    lessons = history.lessons
     if len(lessons) < AFTER or not any(c.answer.preference for c in lessons):
         return True
     known = Lessons.of(bank, scale, history)
@@ -661,7 +659,7 @@ class Measured:
         """Return the KPIs that the answers of `history` tell; none if all read as simulated."""
         names, values = history.kpis
         known = ~np.isnan(values).all(axis=1)
-        known[[*history.cut_short()]] = False  # their KPIs are bounds
+        known[[*history.cut_short]] = False  # their KPIs are bounds
         rows = bank.rows([history.samples[index].theta for index in np.flatnonzero(known)])
         found = cls(rows, KPIValues(names, values[known]), reading)
         # What was stored and read again may differ in the last digit.
@@ -977,5 +975,5 @@ def overtaking(better: Float[np.ndarray, " n"], loose: float, history: History) 
     """
     found = np.where((better > _DOUBT) & (loose < _LOOSE), better, 0.0)
     # An unsafe run never leads, and the KPIs of one that was cut short are bounds, not values.
-    found[[*history.unsafe(), *history.cut_short()]] = 0.0
+    found[[*history.unsafe, *history.cut_short]] = 0.0
     return found

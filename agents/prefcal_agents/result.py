@@ -387,7 +387,7 @@ def wishes(pool: Pool, history: History, spread: Int[np.ndarray, " r"], result: 
         result: Row of the result.
     """
     usable = spread[~pool.bank.hopeless[spread]]
-    if len(usable) < 2 or not history.lessons():
+    if len(usable) < 2 or not history.lessons:
         return {}
     draws = cautious(pool, history)
     found = {name: _certainty(pool, draws, usable, result, k) for k, name in enumerate(pool.scale.names)}

@@ -600,7 +600,8 @@ class SafetyModel:
             samples, labels = samples[kept], labels[kept]
         d = squared_distances(samples, samples) / samples.shape[1]
         last = slice(max(len(labels) - _JUDGED, 0), None)
-        fits = [_mode(_kernel(d[last, last], at), labels[last], offset) for at in _LENGTHS]
+        lengths = np.array(_LENGTHS)[:, None, None]
+        fits = [_mode(phi, labels[last], offset) for phi in _kernel(d[last, last], lengths)]
         best = max(range(len(fits)), key=lambda k: fits[k][1])
         alpha, length = fits[best][0], _LENGTHS[best]
         if len(alpha) < len(labels):
@@ -621,7 +622,10 @@ class SafetyModel:
         return np.asarray(p * (1 - p) * (2 / per) * ((self.alpha * slope) @ away))
 
 
-def _kernel(d: Float[np.ndarray, "m N"], length: float) -> Float[np.ndarray, "m N"]:
+def _kernel(
+    d: Float[np.ndarray, "m N"], length: float | Float[np.ndarray, "k 1 1"]
+) -> Float[np.ndarray, "*k m N"]:
+    """Return φ for one length scale, shape (m, N), or for each of several, shape (k, m, N)."""
     return np.asarray(_RBF.value(d / length**2))
 
 
@@ -709,7 +713,7 @@ def unsafe_penalty(history: History, weight: float, least_safe: float) -> Penalt
         weight: Penalty for a place that is certainly unsafe, 0 or more.
         least_safe: Minimum probability of being safe for no penalty.
     """
-    if not weight or not history.unsafe():
+    if not weight or not history.unsafe:
         return None
     marks = Marks.of(history)
     # Of the latest 20 samples: caution rises for a while, and ends again.

@@ -51,8 +51,8 @@ class Told:
 
         Answers that are retracted, abstentions, and those about runs that were cut short are left out.
         """
-        cut, found = history.cut_short(), []
-        for lesson in history.lessons():
+        cut, found = history.cut_short, []
+        for lesson in history.lessons:
             first, second = lesson.answer.outcomes or (None, None)
             # KPIs of a run that was cut short are bounds: compared as values they would teach the wrong wish.
             if first and second and not cut & {lesson.challenger, lesson.incumbent}:

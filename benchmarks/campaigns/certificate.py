@@ -224,7 +224,7 @@ def _noted(agent: GLISp | Screening) -> tuple[Evidence | Foresight, Sequence[flo
     if isinstance(agent, GLISp):
         new = None if agent.done else agent.ask().challenger
         return None if new is None or (found := agent.foresight) is None else (found, new.theta)
-    if len(agent.history.lessons()) not in ANSWERS or (said := agent.evidence) is None:
+    if len(agent.history.lessons) not in ANSWERS or (said := agent.evidence) is None:
         return None
     return said, said.promising
 

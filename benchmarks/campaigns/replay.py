@@ -237,7 +237,7 @@ def _untrue(interview: Interview, now: Now, question: Question, asked: Sequence[
     yield from (f"the table shows {t}" for row in rows for t in _texts(row) if _TINY.search(t))
     if "good" in why and not all(row[new]["met"] is not False for row in rows):
         yield f"{why!r} of a run that misses objectives"
-    if "Nothing learned" in why and now.state.history.lessons():
+    if "Nothing learned" in why and now.state.history.lessons:
         yield f"{why!r} after answers"
     if {question.left.index, question.right.index} in asked:
         yield "a pair that was asked before"

@@ -374,7 +374,7 @@ class Experiment:
             return np.asarray(self.y[:, index])
         channel = self.channels.y[index]
         for i, state in enumerate(self.channels.x):
-            if state.name == channel.name and same(state.unit, channel.unit):
+            if state.name == channel.name and (state.unit == channel.unit or same(state.unit, channel.unit)):
                 return np.asarray(self.x[:, i])
         return self.signals.get(channel.name)
 

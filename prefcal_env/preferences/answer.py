@@ -58,9 +58,11 @@ class Outcome(Mapping[str, float]):
     def __repr__(self) -> str:
         return f"Outcome({self._kpis!r})"
 
-    def row(self, names: Sequence[str]) -> list[float]:
-        """Return the values of these KPIs in order; NaN where one is not known."""
-        return [self._kpis.get(name, np.nan) for name in names]
+    @staticmethod
+    def table(outcomes: "Sequence[Outcome]") -> tuple[tuple[str, ...], list[list[float]]]:
+        """Return the names of all KPIs, sorted, and a row of values of each outcome; NaN is unknown."""
+        names = tuple(sorted({name for outcome in outcomes for name in outcome._kpis}))
+        return names, [[outcome._kpis.get(name, np.nan) for name in names] for outcome in outcomes]
 
     def to_dict(self) -> dict[str, float | str]:
         """Return plain data for JSON, which has no infinity: it becomes the text "inf"."""
@@ -111,10 +113,10 @@ class Reading:
         known = [name in self.steps for name in names]
         if not any(known):
             return kpis
-        read = as_read(kpis, np.array([self.steps.get(name, 0.0) for name in names]))
-        read = np.where(known, read, kpis)
+        steps = [self.steps.get(name, 0.0) for name in names]
         alike = [name in self.targets and name in self.steps for name in names]
         limits = [self.limits[n] if one else 0.0 for n, one in zip(names, alike, strict=True)]
+        read = np.where(known, as_read(kpis, np.array(steps)), kpis)
         return np.where(alike & (read <= limits), 0.0, read)
 
     def missed(self, names: Sequence[str], kpis: Float[np.ndarray, "m k"]) -> Int[np.ndarray, " m"]:
@@ -384,7 +386,7 @@ def runs_of(run: Callable[[Theta], R], at_once: int, executor: Executor | None) 
         threads.shutdown(wait=False, cancel_futures=True)
 
 
-def first_ready(queries: Iterable[Query], done: Callable[[Suggestion], int | None]) -> Query | None:
+def first_ready(queries: Iterable[Query], done: Mapping[int, int]) -> Query | None:
     """Return the query to answer first; None if none has all its experiments.
 
     One about two experiments that were compared before comes first, then the one whose challenger
@@ -392,13 +394,12 @@ def first_ready(queries: Iterable[Query], done: Callable[[Suggestion], int | Non
 
     Args:
         queries: The open queries.
-        done: Function that returns the place of an experiment in the order in which they were
-            done; None if it is not done.
+        done: Index of each experiment that is done, to its place in the order in which they were.
     """
     places: list[tuple[int, Query]] = []
     for query in queries:
-        place = done(query.challenger)
-        if place is not None and (query.incumbent is None or done(query.incumbent) is not None):
+        place = done.get(query.challenger.index)
+        if place is not None and (query.incumbent is None or query.incumbent.index in done):
             places.append((-1 if query.further else place, query))
     return min(places, key=lambda found: found[0])[1] if places else None
 
@@ -421,8 +422,9 @@ class Runs(Generic[R]):
         """Return an open query and the results of both sides, after running what is missing."""
         # An agent that is run in this thread need not know of several queries.
         queries: list[Query] = [agent.ask()] if self._executor is None else agent.ask(self._at_once)
-        while (query := first_ready(queries, self._place)) is None:
-            for side in (s for q in queries for s in (q.incumbent, q.challenger) if s is not None):
+        sides = [s for q in queries for s in (q.incumbent, q.challenger) if s is not None]
+        while (query := first_ready(queries, self._done(sides))) is None:
+            for side in sides:
                 self._start(side.theta)
             if self._running:
                 self._collect(self._landed.get())
@@ -432,9 +434,10 @@ class Runs(Generic[R]):
     def _of(self, side: Suggestion) -> R:
         return self._results[theta_key(side.theta)]
 
-    def _place(self, side: Suggestion) -> int | None:
-        key = theta_key(side.theta)
-        return next((place for place, known in enumerate(self._results) if known == key), None)
+    def _done(self, sides: Iterable[Suggestion]) -> dict[int, int]:
+        places = {key: place for place, key in enumerate(self._results)}
+        keys = {side.index: theta_key(side.theta) for side in sides}
+        return {index: places[key] for index, key in keys.items() if key in places}
 
     def _start(self, theta: Theta) -> None:
         key = theta_key(theta)

@@ -251,8 +251,10 @@ class Comparison:
     @cached_property  # records share their answers, so a longer record costs little more
     def key(self) -> bytes:
         """Return a digest of what agents go by: the first five fields."""
-        answer = replace(self.answer, strength=float(self.answer.strength))  # 1 is 1.0
-        return digest((self.challenger, self.incumbent, answer, self.after, self.retracted))
+        a = self.answer
+        # A strength of 1 is one of 1.0, which a digest tells apart.
+        told = (a.preference, float(a.strength), a.marks, a.outcomes, a.value, a.automatic)
+        return digest((self.challenger, self.incumbent, told, self.after, self.retracted))
 
     @property
     def verdict(self) -> Verdict | None:
@@ -331,8 +333,7 @@ class KPIValues(NamedTuple):
     @classmethod
     def of(cls, outcomes: Sequence[Outcome]) -> "KPIValues":
         """Return the KPIs of N experiments as one table."""
-        names = tuple(sorted({name for outcome in outcomes for name in outcome}))
-        rows = [outcome.row(names) for outcome in outcomes]
+        names, rows = Outcome.table(outcomes)
         return cls(names, np.array(rows, dtype=float).reshape(len(rows), len(names)))
 
     def outcome(self, row: int) -> Outcome | None:
@@ -358,9 +359,9 @@ class History:
     repeats: tuple[Comparison, ...] = ()
     leads: tuple[Lead, ...] = ()
 
-    # Conclusions from the record.
+    # Conclusions from the record. It is frozen, so what an answer asks for many times is worked out once.
 
-    @cached_property  # each memory asks for it
+    @cached_property
     def key(self) -> bytes:
         """Return a digest of all that agents go by: no circumstances, and no repeated questions."""
         return digest((self.samples, [c.key for c in self.counting], self.leads))
@@ -380,15 +381,15 @@ class History:
         found.values.setflags(write=False)  # all agents of the record share it
         return found
 
-    @property
+    @cached_property
     def answered(self) -> int:
         """Return the number of samples whose query is closed: the index of the next one."""
         return len(self.comparisons)
 
-    @property
+    @cached_property
     def pending(self) -> Sample | None:
         """Return the sample that takes the next number; None if none is proposed yet."""
-        return next(iter(self.samples[self.answered :]), None)
+        return self.samples[self.answered] if len(self.samples) > self.answered else None
 
     @property
     def waits(self) -> bool:
@@ -396,7 +397,7 @@ class History:
         waiting = self.samples[self.answered :]
         return any(s.after is None or s.after >= self.answered for s in waiting)
 
-    @property
+    @cached_property
     def counting(self) -> tuple[Comparison, ...]:
         """Return all answers except those to repeated questions; follow-ups come last."""
         return (*self.comparisons, *self.follow_ups)
@@ -415,6 +416,7 @@ class History:
         since = tuple(c for c in self.follow_ups if c.after == self.answered)
         return (*self.comparisons[-1:], *since)
 
+    @cached_property
     def lessons(self) -> tuple[Comparison, ...]:
         """Return the answers from which agents learn a preference, in the order given."""
         return tuple(c for c in self.in_order() if c.teaches)
@@ -423,25 +425,29 @@ class History:
         """Return the verdicts that are not retracted, in the order given."""
         return tuple(v for c in self.in_order() if (v := c.verdict) is not None)
 
-    def unsafe(self, *, automatic: bool = False) -> frozenset[int]:
-        """Return the indices of the samples marked unsafe by answers that are not retracted.
+    @cached_property
+    def unsafe(self) -> frozenset[int]:
+        """Return the indices of the samples marked unsafe by answers that are not retracted."""
+        return _unsafe(self.counting)
 
-        With `automatic`, only marks that no person gave count, see `Answer.automatic`.
-        """
-        return _unsafe(self.counting, automatic=automatic)
+    @property
+    def interrupted(self) -> frozenset[int]:
+        """Return those of `unsafe` that no person marked: their runs were interrupted."""
+        return _unsafe(self.counting, automatic=True)
 
+    @cached_property
     def cut_short(self) -> frozenset[int]:
         """Return the indices of the samples whose runs were cut short: their KPIs are bounds."""
         return frozenset(
             c.challenger for c in self.comparisons if Mark.CHALLENGER_CUT_SHORT in c.answer.marks
         )
 
-    @property
+    @cached_property
     def given(self) -> int:
         """Return the number of answers, follow-ups included."""
         return len(self.comparisons) + len(self.follow_ups)
 
-    @property
+    @cached_property
     def incumbent(self) -> int | None:
         """Return the index of the best sample so far; None before the first answer.
 
@@ -450,7 +456,7 @@ class History:
         latest = self.leads[-1] if self.leads else None
         return latest.index if latest and latest.after == self.given else self.by_answers
 
-    @property
+    @cached_property
     def by_answers(self) -> int | None:
         """Return the index of the best sample by all answers; None before the first one.
 
@@ -462,7 +468,7 @@ class History:
         scores = [(c.value, c.challenger) for c in self.comparisons if c.value is not None]
         if scores and not verdicts:
             return min(scores)[1]
-        return best_of(verdicts, self.unsafe())
+        return best_of(verdicts, self.unsafe)
 
     def incumbents(self) -> tuple[int, ...]:
         """Return the best sample after each closed query and the follow-ups until the next one."""
@@ -485,7 +491,7 @@ class History:
         if best is None:
             return ()
         verdicts = self.verdicts()
-        others = [g for g in undominated(verdicts, self.unsafe()) if best not in g]
+        others = [g for g in undominated(verdicts, self.unsafe) if best not in g]
         return (best, *sorted(representative(verdicts, group) for group in others))
 
     def asked(self, first: int, second: int, *, standing: bool = False) -> bool:
@@ -496,6 +502,13 @@ class History:
         asked = (c for c in self.counting if not (standing and c.retracted))
         return any({c.challenger, c.incumbent} == {first, second} for c in asked)
 
+    @cached_property
+    def past(self) -> "History":
+        """Return the answered samples with their answers and follow-ups: what anything is learned from."""
+        alone = len(self.samples) == self.answered and not (self.repeats or self.leads)
+        # The same object, so that what was worked out from it is there.
+        return self if alone else self.until(self.answered)
+
     def until(self, count: int) -> "History":
         """Return the first `count` samples with their answers and follow-ups."""
         follow_ups = tuple(c for c in self.follow_ups if c.after is not None and c.after <= count)
@@ -505,7 +518,7 @@ class History:
 
     def with_best(self, index: int) -> "History":
         """Hold sample `index`, unless it is unsafe, for the best until the next answer."""
-        if index == self.incumbent or index in self.unsafe():
+        if index == self.incumbent or index in self.unsafe:
             return self
         return replace(self, leads=(*self.leads, Lead(index, self.given)))
 

@@ -5,6 +5,7 @@ import struct
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import starmap
 from math import prod
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, Union
@@ -175,10 +176,9 @@ def _arrays(header: _Header, experiment: Experiment) -> Iterator[bytes]:
 
 def _experiment(header: _Header, buffer: io.BytesIO) -> Experiment:
     arrays = {name: _array(buffer, *block) for name, block in header.layout().items()}
-    limits = iter(arrays["limits"].tolist())
-    x, u, y = (
-        tuple(_channel(words, next(limits)) for words in group) for group in (header.x, header.u, header.y)
-    )
+    words = header.x + header.u + header.y
+    channels = tuple(starmap(Channel, [*map(_channel_fields, words, arrays["limits"].tolist())]))
+    x, u = len(header.x), len(header.x + header.u)
     outputs = arrays.get("y")
     if header.y_states is not None:
         if not all(i < arrays["x"].shape[1] for i in header.y_states):
@@ -187,7 +187,7 @@ def _experiment(header: _Header, buffer: io.BytesIO) -> Experiment:
         outputs = arrays["x"][:, list(header.y_states)].reshape(shape)
     return Experiment(
         **{name: arrays[name] for name in _DTYPES},
-        channels=Channels(x, u, y, header.time_unit),
+        channels=Channels(channels[:x], channels[x:u], channels[u:], header.time_unit),
         end=header.end,
         kpis=dict(zip(header.kpis, arrays["kpis"].tolist(), strict=True)),
         signals=dict(zip(header.signals, arrays["signals"], strict=True)),
@@ -205,11 +205,11 @@ def _array(buffer: io.BytesIO, shape: Sequence[int], dtype: str) -> np.ndarray:
     return np.frombuffer(content, dtype=dtype).reshape(shape)
 
 
-def _channel(words: _Words, numbers: Sequence[float]) -> Channel:
+def _channel_fields(words: _Words, numbers: Sequence[float]) -> tuple[Any, ...]:
     name, unit, symbol = words
     low, high, *optional = numbers
     target, band = (None if np.isnan(v) else v for v in optional)
-    return Channel(name, unit, low, high, target, band, symbol)
+    return name, unit, low, high, target, band, symbol
 
 
 # --- Define the events of a study as frozen data, and convert them to and from JSON.

@@ -137,7 +137,7 @@ def experiments_of(state: State, experiments: Mapping[int, Experiment]) -> list[
     thetas = [history.samples[index].theta for index in indices]
     about = {name: (unit, title) for name, unit, title in _units(state, "kpis")}
     scores = {c.challenger: c.answer.value for c in history.comparisons}
-    unsafe = history.unsafe(automatic=True)
+    unsafe = history.interrupted
     found = [Column("experiment", _NUMBER, [i + 1 for i in indices], kind="integer")]
     for k, (name, unit, _) in enumerate(_units(state, "knobs")):
         found.append(Column(name, "Controller parameter", [theta[k] for theta in thetas], unit))

@@ -135,7 +135,7 @@ def test_a_study_that_began_with_a_taste_goes_on_from_its_state_alone():
 def test_of_a_record_only_answers_about_whole_runs_with_kpis_travel():
     history = by_first(another(0)).history
     told = Told.all_of(history)
-    assert len(told) == len(history.lessons()) == 4
+    assert len(told) == len(history.lessons) == 4
     assert len(Told.all_of(history.retracted(1))) == 3
     assert Told.of(told[0].plain) == Told.of(told[0]) == told[0]
     never = Told(0, Outcome({"a": np.inf}), Outcome({"a": 1.0}))

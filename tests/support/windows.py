@@ -9,7 +9,7 @@ import httpx
 from starlette.applications import Starlette
 
 from prefcal_app.session import Interview
-from prefcal_app.web.api import Api, Pace, Reports
+from prefcal_app.web.api import Api, Patience, Reports
 from prefcal_app.web.serve import make_app
 
 TOKEN, PORT = "the-token", 8765
@@ -80,10 +80,10 @@ class Room:
         return question.id
 
 
-def make_room(interview: Interview, static: Path | None = None, *, pace: Pace | None = None) -> Room:
+def make_room(interview: Interview, static: Path | None = None, *, patience: Patience | None = None) -> Room:
     """A room around `interview`, in which nobody is let wait."""
     reports, closed, seen = Reports(), threading.Event(), []
-    pace = pace or Pace(poll=0.05, after_answer=0.0)
-    api = Api(interview, reports, closed, lambda waits: seen.append("poll"), pace)
+    patience = patience or Patience(poll=0.05, after_answer=0.0)
+    api = Api(interview, reports, closed, lambda waits: seen.append("poll"), patience)
     app = make_app(api, token=TOKEN, port=PORT, static=static)
     return Room(interview, app, reports, closed, api, seen)

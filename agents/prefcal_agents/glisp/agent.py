@@ -132,7 +132,7 @@ def propose_start(setup: GLISpSetup, history: History) -> Float[np.ndarray, " n"
 
 
 def _penalty(setup: GLISpSetup, history: History) -> Penalty | None:
-    if not history.unsafe():
+    if not history.unsafe:
         return None
     return unsafe_penalty(history, setup.settings.unsafe_weight, setup.settings.least_safe)
 
@@ -233,7 +233,7 @@ def contenders(history: History) -> Int[np.ndarray, " K"]:
     strict = preferences.b != 0
     compared = np.unique(np.concatenate([preferences.first[strict], preferences.second[strict]]))
     samples, unsafe = cube_of(history), marks.samples[marks.unsafe]
-    cut = history.cut_short()
+    cut = history.cut_short
     compared = np.array([i for i in compared if i not in cut], dtype=np.int64)
     safe = [i for i in compared if not np.any(np.all(unsafe == samples[i], axis=1))]
     return np.array(safe or compared, dtype=np.int64)
@@ -258,7 +258,7 @@ def insertion_question(history: History, values: Float[np.ndarray, " N"]) -> tup
     if not latest or not all(c.teaches for c in latest):
         return None
     asked = {c.incumbent for c in latest}
-    left_out = history.cut_short() - asked  # half a run cannot be compared with a whole one
+    left_out = history.cut_short - asked  # half a run cannot be compared with a whole one
     if new in left_out:
         return None
     order = [int(i) for i in np.argsort(values, kind="stable") if i not in {new, *left_out}]
@@ -299,7 +299,7 @@ def final_question(history: History) -> tuple[int, int] | None:
     ties = any(v.preference is Preference.TIE for v in verdicts)
     if best is None or asked >= FINALS or not (ties or contradictory(verdicts)):
         return None
-    left_out = {best, *history.cut_short()}
+    left_out = {best, *history.cut_short}
     for former in dict.fromkeys(reigns(verdicts)):
         if former not in left_out and not history.asked(best, former):
             return max(best, former), min(best, former)
@@ -350,7 +350,7 @@ class Foresight:
 
 def lost_since(history: History) -> int:
     """Return the number of answers since a challenger won; all of them if none did."""
-    won = [c.answer.preference is Preference.CHALLENGER for c in reversed(history.lessons())]
+    won = [c.answer.preference is Preference.CHALLENGER for c in reversed(history.lessons)]
     return won.index(True) if True in won else len(won)
 
 
@@ -481,12 +481,12 @@ class GLISp(Agent):
         return self._foresights(self.history)
 
     def _foresight(self, history: History) -> Foresight | None:
-        past, best = history.until(history.answered), history.incumbent
-        if best is None or len(past.lessons()) < FROM or not (self.settings.kpis and past.kpis.names):
+        past, best = history.past, history.incumbent
+        if best is None or len(past.lessons) < FROM or not (self.settings.kpis and past.kpis.names):
             return None
         # A space with fewer θ than experiments asked for has no next one to speak of.
         tried_all = self._most(history) < self.setup.n_max
-        if history.pending is None and (tried_all or not self.is_over(history)):
+        if history.pending is None and (tried_all or not self.turn(history).over):
             return None
         with one_thread():
             fit = self._models.kpi_fit(past)
@@ -503,7 +503,7 @@ class GLISp(Agent):
     def foresees(self) -> bool:
         """Return whether `foresight` takes milliseconds only: nothing has to be learned for it."""
         proposed = self.history.pending is not None or self.history in self._next
-        return proposed and self._models.knows(self.history.until(self.history.answered))
+        return proposed and self._models.knows(self.history.past)
 
     def surrogate(self, thetas: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
         """Return how good physical `thetas` are expected to be, shape (m, n), for plotting.

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from prefcal_agents.agent import Settings, Setup, choice
-from prefcal_agents.lessons import MOST, Memory, Preferences, Remembered, Stages, cube_of, filled_kpis, judged
+from prefcal_agents.lessons import MOST, Preferences, Remembered, Stages, Subset, cube_of, filled_kpis, judged
 from prefcal_agents.people import (
     AFTER,
     DRAWS,
@@ -136,7 +136,7 @@ class GLISpSettings(Settings):
 
         Deviation: in [0, 1]^n, where the authors' code has [-1, 1]^n, δ = 0.3 explores as 0.02
         would there, although eq. IDW-distance is printed the same. docs/deviations.md says what
-        that changes. `Memory` applies too, in studies far longer than those of the paper.
+        that changes. `Subset` applies too, in studies far longer than those of the paper.
         """
         return cls(
             kpis=False,
@@ -171,7 +171,7 @@ class KPIFit:
 
     Args:
         bank: KPIs of all experiments, a row for each θ.
-        kept: Rows of the experiments that KPIs are modeled through, see `Memory`, shape (K,).
+        kept: Rows of the experiments that KPIs are modeled through, see `Subset`, shape (K,).
         scale: How KPIs are measured; without names if there is no KPI to learn from.
         utilities: Draws of what the person wants.
     """
@@ -219,7 +219,7 @@ class KPIFit:
 
     def explains(self, history: History) -> bool:
         """Return whether KPIs predict the answers of `history` about as well as θ does."""
-        return explains(Memory.of(history).history, self.bank, self.scale, self.utilities)
+        return explains(Subset.of(history).history, self.bank, self.scale, self.utilities)
 
     def doubted(self, history: History) -> tuple[int, int] | None:
         """Return the best sample and one that is probably better; None if there is none.
@@ -228,12 +228,12 @@ class KPIFit:
         was asked before is left out. The later sample comes first. Ten answers are needed to tell.
         """
         best = history.incumbent
-        if best is None or len(history.lessons()) < AFTER:
+        if best is None or len(history.lessons) < AFTER:
             return None
         costs = self._of_samples(history)
         doubt = np.mean(costs < costs[:, [best]], axis=0)
         # Half a run cannot be compared with a whole one, and nobody has to look at an unsafe one again.
-        doubt[[best, *history.unsafe(), *history.cut_short()]] = 0.0
+        doubt[[best, *history.unsafe, *history.cut_short]] = 0.0
         for rival in map(int, np.argsort(-doubt, kind="stable")):
             if doubt[rival] <= _DOUBT:
                 return None
@@ -266,7 +266,7 @@ def _first(seed: int) -> KPIFit:
 
 def _recalled(past: History, draws: bytes) -> KPIFit | None:
     """Return the fit after `past` that an earlier session kept the draws of; None if they do not fit."""
-    bank, part = _experiments(past), Memory.of(past).history
+    bank, part = _experiments(past), Subset.of(past).history
     scale = Scale.of(bank, np.arange(len(bank)))
     utilities = Utilities.of_bytes(draws, len(scale.names))
     return None if utilities is None else _fit(bank, part, scale, utilities)
@@ -279,12 +279,13 @@ def _draw(scale: Scale, rng: np.random.Generator) -> Utilities:
 def _following(seed: int, past: History, before: History, fit: KPIFit) -> KPIFit:
     """Return the fit after `past`, given that after `before`, a step earlier."""
     bank, rng, utilities = _experiments(past), _rng(seed, past), fit.utilities
-    scale, part = Scale.of(bank, np.arange(len(bank))), Memory.of(past).history
+    scale, part = Scale.of(bank, np.arange(len(bank))), Subset.of(past).history
     if scale.names != fit.scale.names:  # a KPI was always the same before: begin again
         before, utilities = History(), _draw(scale, rng)
     # An unsafe run teaches even without an answer: it is worse than all others.
-    if scale.names and (past.lessons() or past.unsafe()):
-        old, new = (Lessons.of(bank, scale, each) for each in (Memory.of(before).history, part))
+    if scale.names and (past.lessons or past.unsafe):
+        old = Lessons.of(bank, scale, Subset.of(before).history)
+        new = Lessons.of(bank, scale, part)
         utilities = updated(utilities, old, new, scale, rng, SURE)
     return _fit(bank, part, scale, utilities)
 
@@ -446,7 +447,7 @@ class Dataset:
     Args:
         history: All samples and answers.
         kept: Numbers of the samples that models are trained on, increasing, shape (K,); see
-            `Memory`.
+            `Subset`.
         preferences: Comparisons of these samples.
     """
 
@@ -457,7 +458,7 @@ class Dataset:
     @classmethod
     def of(cls, history: History) -> "Dataset":
         """Extract what `history` teaches."""
-        memory = Memory.of(history)
+        memory = Subset.of(history)
         return cls(history, memory.kept, Preferences.of(memory.history))
 
     @property
@@ -596,7 +597,7 @@ class ModelSelection:
             return None
         history = judged(history)
         fit = self._kpi_fits(history)
-        if not fit.teaches or not history.lessons():
+        if not fit.teaches or not history.lessons:
             return None
         then = history.until(history.answered - history.answered % _TESTED)
         return fit if self._explained(then) else None
@@ -623,7 +624,7 @@ class ModelSelection:
         count, rate = past.answered, self._settings.error_rate
         validates = self._is_validated(count)
         # In long studies, a noise test runs every ten experiments, and its shape is settled.
-        settled = count > MANY and len(past.lessons()) > MANY and count % SELDOM
+        settled = count > MANY and len(past.lessons) > MANY and count % SELDOM
         fallible = rate and count >= self._n_init
         if not validates and (settled or not fallible):
             return stage

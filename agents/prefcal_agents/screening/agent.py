@@ -187,7 +187,7 @@ def evidence(stage: Stage, best: int, history: History, *, numbered: bool = Fals
     row = int(np.argmax(chances))
     held, predicted = _foretold(draws, Lessons.of(stage.bank, stage.scale, history), history)
     return Evidence(
-        answers=len(history.lessons()),
+        answers=len(history.lessons),
         better=float(better.mean()),
         wide=float(np.quantile(better[:, stage.spread].mean(axis=1), _QUANTILE)),
         held=held,
@@ -219,7 +219,7 @@ def _foretold(draws: Utilities, lessons: Lessons, history: History) -> tuple[flo
     distributions" (1992): draws given all answers tell one of them by the others, if each draw
     counts by the inverse of the probability that it gives to that answer.
     """
-    count = len(history.lessons())  # those that marks make are no answers
+    count = len(history.lessons)  # those that marks make are no answers
     logs = lessons.log_probabilities(draws)[:, :count]
     # Importance weights of the posterior without each answer: 1 over the probability of that answer.
     shares = np.exp(-logs - logsumexp(-logs, axis=0))
@@ -255,6 +255,7 @@ class Screening(Simulating):
 
     def _prepare(self) -> None:
         self._evidences = Remembered(self._evidence_after)
+        self._stages = Remembered(lambda past: self.growth.stage(past))
 
     # What people and programs look at.
 
@@ -275,11 +276,11 @@ class Screening(Simulating):
         None before the second answer, and where experiments measured other KPIs than those
         simulated, on which no certificate was measured.
         """
-        return self._evidences(self.history.until(self.history.answered))
+        return self._evidences(self.history.past)
 
     def _evidence_after(self, history: History) -> Evidence | None:
-        best = self.leader(history)
-        if best is None or len(history.lessons()) < FROM:
+        best = self.turn(history).best
+        if best is None or len(history.lessons) < FROM:
             return None
         stage = self.stage(history)
         # The formula was fitted to exact simulations: with a twin, the draws' share means something else.
@@ -296,14 +297,13 @@ class Screening(Simulating):
 
     def stage(self, history: History) -> Stage:
         """Return what is known after `history`, which is remembered; it simulates if needed."""
-        return self.growth.stage(history)
+        return self._stages(history.past)
 
     @property
     def growth(self) -> Growth:
         """Return the stages of the study and the draws of all its records. Raises as `simulations`."""
-        return self.simulations.learned(
-            Growth, self.space, self.n_simulated, self.setup.seed, self.setup.settings.taste
-        )
+        setup, most = self.setup, int(self.setup.settings.n_simulated)
+        return self.simulations.learned(Growth, setup.space, most, setup.seed, setup.settings.taste)
 
     def _holds(self, bank: Bank, row: int) -> bool:
         """Return whether a row keeps the limits in all perturbed runs; without `holds` any does."""
@@ -319,7 +319,7 @@ class Screening(Simulating):
         stays. In a robust study the best one that holds takes the place of one that does not.
         """
         best = history.by_answers
-        if best is None or len(history.lessons()) < 2 or self._simulations is None:
+        if best is None or len(history.lessons) < 2 or self._simulations is None:
             return None
         stage = self.stage(history)
         rows = stage.bank.rows([s.theta for s in history.samples[: history.answered]])
@@ -339,8 +339,8 @@ class Screening(Simulating):
 
     def has_enough(self, history: History) -> bool:
         """Return whether little is left by the certificate, and the best misses no objective and holds."""
-        past = history.until(history.answered)
-        found, best = self._evidences(past), self.leader(past)
+        past = history.past
+        found, best = self._evidences(past), self.turn(past).best
         if found is None or best is None or not Certificate.of(found).enough:
             return False
         bank = self.stage(past).bank
@@ -370,7 +370,7 @@ class Screening(Simulating):
                 return tried.fresh(stage.bank.z[found], rng)
         row = None if best is None else stage.bank.find(history.samples[best].theta)
         allowed = ~(stage.bank.hopeless | _look_alike(stage, history))
-        if row is None or not history.lessons():
+        if row is None or not history.lessons:
             value = expected_best(stage.costs, row)
             # 1000 exceeds any number of objectives: look-alikes come last, whatever the others miss.
             poor = self._poor_beginning(stage, row) + 1000 * ~allowed
@@ -461,7 +461,7 @@ def without_kpis(history: History, stage: Stage) -> bool:
 
 def is_stalled(history: History) -> bool:
     """Return whether it is the turn of a proposal without KPIs, since those with them all lost."""
-    lessons = history.lessons()
+    lessons = history.lessons
     lost = lost_since(history) >= _STALLED
     strict = any(c.answer.preference for c in lessons)
     return len(lessons) >= AFTER and len(lessons) % 2 == 1 and lost and strict
@@ -476,7 +476,7 @@ class BeyondKPIs:
 
     def propose(self, history: History, stage: Stage) -> Float[np.ndarray, " n"]:
         """Return the next point of the cube, shape (n,)."""
-        count = len(history.lessons())
+        count = len(history.lessons)
         if count < _UNTIL and count % _EVERY == _EVERY - 1:
             rows = stage.spread[~stage.bank.hopeless[stage.spread]]
             return np.asarray(stage.bank.z[rows[count % len(rows)]])

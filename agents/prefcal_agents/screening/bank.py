@@ -487,11 +487,12 @@ class Growth:
         self, past: History, before: History, bank: Bank, scale: Scale, utilities: Utilities
     ) -> Utilities:
         """Return draws given the answers of `past`, from draws given those of `before`."""
-        if not past.lessons() and not past.unsafe():
+        if not past.lessons and not past.unsafe:
             return utilities
         seen = Measured.of(bank, past, self.simulations.reading).on(bank)
         earlier = self._earlier_lessons(scale)
-        old, new = (Lessons.of(seen, scale, record).join(earlier) for record in (before, past))
+        old = Lessons.of(seen, scale, before).join(earlier)
+        new = Lessons.of(seen, scale, past).join(earlier)
         return updated(utilities, old, new, scale, self._rng(past, _LEARN))
 
     def _refined(self, past: History, stage: Stage, count: int) -> Stage:

@@ -89,7 +89,7 @@ def chances(stage: Stage, best: int, history: History) -> Float[np.ndarray, " m"
     Somebody who often sees no difference prefers the new one less often than the costs say, so the
     chance is multiplied by the share of answers so far that prefer a side.
     """
-    given = [c.answer.preference is not Preference.TIE for c in history.lessons()]
+    given = [c.answer.preference is not Preference.TIE for c in history.lessons]
     # As if one more answer had preferred a side: without any, nothing is known against the draws.
     told = (sum(given) + 1) / (len(given) + 1)
     return np.asarray(told * noticed(stage.costs[:, best, None] - stage.costs).mean(axis=0))
@@ -219,7 +219,7 @@ def _explain_query(agent: Screening, empty: Findings) -> Findings:
         reason=_reason(agent, stage) if asks else None,
         certificate=agent.certificate,
     )
-    if agent.best_index is None or not history.lessons():
+    if agent.best_index is None or not history.lessons:
         return found
     best = stage.bank.find(agent.best)
     likely = chances(stage, best, history)
@@ -247,10 +247,10 @@ def _reason(agent: Screening, stage: Stage) -> Reason | None:
 
 def _explain_result(agent: Screening, known: Findings) -> Findings:
     """Add what the answer to the open query can change or, at the end, what carries the result."""
-    past = agent.history.until(agent.history.answered)
+    past = agent.history.past
     if not known.over:
         return replace(known, stakes=_stakes(agent, past))
-    if agent.best_index is None or not past.lessons():
+    if agent.best_index is None or not past.lessons:
         return known
     stage, pool = agent.stage(agent.history), agent.growth.pool(past)
     best = stage.bank.find(agent.best)
@@ -302,9 +302,9 @@ def _share(ours: float, theirs: float) -> float | None:
 
 def _find_smaller_change(agent: Screening, known: Findings) -> Findings:
     """Add the smallest change that is as good as the result."""
-    past = agent.history.until(agent.history.answered)
+    past = agent.history.past
     stage = agent.stage(agent.history)
-    if agent.best_index is None or not past.lessons() or stage.rough or not stage.scale.names:
+    if agent.best_index is None or not past.lessons or stage.rough or not stage.scale.names:
         return known
     best, draws = agent.best, cautious(agent.growth.pool(past), past)
 

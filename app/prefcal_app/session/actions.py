@@ -28,7 +28,6 @@ from prefcal_env.errors import (
     StudyError,
 )
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.knobs import theta_key
 from prefcal_env.preferences import answer as preferences
 from prefcal_env.preferences.answer import Outcome, Preference, counts_as_unsafe
 from prefcal_env.preferences.history import Comparison
@@ -341,7 +340,7 @@ class AskFor(Action, frozen=True):
         if pending is not None and pending.theta == sample.theta and shown:
             return  # it is the next one already
         index = driver.state.history.answered
-        known = driver.finished(index, np.array(sample.theta))
+        known = driver.finished(index, sample.theta)
         driver.append(events.Requested(index, sample.z, sample.theta), *known)
         driver.proceed()
 
@@ -434,7 +433,7 @@ class Record(Action, frozen=True):
         due = driver.phase is Phase.RECORD and pending is not None and pending.index == index
         if not due and index not in finished:
             raise StaleError(f"experiment {index + 1} is no longer waited for: nothing was changed")
-        theta = self._dialed(driver)
+        theta = self._read_theta(driver)
         if theta is None:
             theta = np.array(driver.state.history.samples[index].theta)
         run = driver.underway.source.begin(theta, seed=driver.study.seed)
@@ -450,7 +449,7 @@ class Record(Action, frozen=True):
             raise RecordError(
                 f"these are the curves of experiment {seen.same + 1}: is it the file of another run?"
             )
-        theta = self._dialed(driver)
+        theta = self._read_theta(driver)
         before: list[events.Event] = []
         if theta is not None:
             z = driver.store.scenario.space.encode(theta)
@@ -465,7 +464,7 @@ class Record(Action, frozen=True):
         else:
             driver.feed(Moment.RECORD)  # that of the pending sample is still waited for
 
-    def _dialed(self, driver: Driver) -> Float[np.ndarray, " n"] | None:
+    def _read_theta(self, driver: Driver) -> Float[np.ndarray, " n"] | None:
         """Return the θ that was really set, shape (n,); None if it equals the sample's."""
         if self.theta is None:
             return None
@@ -541,12 +540,15 @@ class StopRun(Action, frozen=True):
     """Stop the run of the pending sample, which then counts as failed."""
 
     index: Whole
+    # Also after an error, since a run may move the plant all the same.
+    when = frozenset({Phase.RUNNING, Phase.FAILED})
+    otherwise = "this experiment is not running: nothing was changed"
 
     @classmethod
     def _also(cls, study: Study) -> PrefcalError | None:
         running = study.plant.moves if study.plant.asks else study.phase is Phase.RUNNING
         if not running or study.pending is None:
-            return StaleError("this experiment is not running: nothing was changed")
+            return StaleError(cls.otherwise)
         if study.plant.stops:
             return None
         if study.plant.asks:
@@ -555,11 +557,11 @@ class StopRun(Action, frozen=True):
 
     def _take(self, driver: Driver) -> None:
         underway, pending = driver.underway, _pending(driver, self.index)
-        run, key = underway.of(pending), theta_key(pending.theta)
+        run = underway.of(pending)
         if underway.source.asks:
             driver.version += 1
         elif driver.at_once == 1:
-            for other in (run for name, run in underway.going.items() if name != key):
+            for other in (run for theta, run in underway.going.items() if theta != pending.theta):
                 other.stop("given up")  # it runs in the only process
         if run is not None:
             run.stop("stopped")
@@ -584,11 +586,11 @@ class Fail(Action, frozen=True):
         return None
 
     def _take(self, driver: Driver) -> None:
-        key = theta_key(_pending(driver, self.index).theta)
+        theta = _pending(driver, self.index).theta
         noted = [events.Noted(f"experiment {self.index + 1} failed: {self.reason}")] if self.reason else []
-        partial = driver.underway.partial.get(key)
+        partial = driver.underway.partial.get(theta)
         driver.append(*noted, (events.Finished(self.index), partial or driver.store.failed(self.index)))
-        driver.underway.partial.pop(key, None)  # not before it is saved: on a full disk this is tried again
+        driver.underway.partial.pop(theta, None)  # not before it is saved: on a full disk this is tried again
         driver.proceed()
 
 

@@ -10,17 +10,15 @@ from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
 
 from prefcal_agents.agent import Agent
 from prefcal_agents.screening.findings import Findings
 from prefcal_app.simulating import Screened, Simulator, past_of
 from prefcal_env.errors import RunError, StudyError
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.knobs import theta_key
 from prefcal_env.plain import digest
 from prefcal_env.preferences.answer import Answer, Preference, completed
-from prefcal_env.preferences.history import History, Sample
+from prefcal_env.preferences.history import History, Point
 from prefcal_env.sources import Run, Source
 from prefcal_env.study import Answered, Event, Finished, Shown, State, StudyFile, Suggested
 from prefcal_env.study.beside import read_learned, write_learned
@@ -36,7 +34,6 @@ from .study import (
     Question,
     Recovery,
     Settle,
-    Side,
     Study,
     Write,
 )
@@ -59,10 +56,10 @@ class Prefetch:
 
     _screened: dict[Answer, Screened | None] = field(default_factory=dict)
     _tried: set[Answer] = field(default_factory=set)
-    _experiments: OrderedDict[bytes, Experiment] = field(default_factory=OrderedDict)
-    _failures: dict[bytes, Exception] = field(default_factory=dict)
-    next: Float[np.ndarray, " n"] | None = None
-    """θ that a copy proposes and that should run next, physical, shape (n,)."""
+    _experiments: OrderedDict[Point, Experiment] = field(default_factory=OrderedDict)
+    _failures: dict[Point, Exception] = field(default_factory=dict)
+    next: Point | None = None
+    """θ that a copy proposes and that should run next, physical."""
     busy: Answer | None = None
     """Answer that a copy is learning now, in the background."""
     silent: bool = False
@@ -93,27 +90,27 @@ class Prefetch:
         self._tried.clear()
         self.next, self.silent = None, False
 
-    def keep(self, theta: Float[np.ndarray, " n"], experiment: Experiment) -> None:
+    def keep(self, theta: Point, experiment: Experiment) -> None:
         """Keep the experiment of the requested θ; the plant may report a rounded one."""
-        self._experiments[theta_key(theta)] = experiment
+        self._experiments[theta] = experiment
         while len(self._experiments) > _KEPT:
             self._experiments.popitem(last=False)
 
-    def keep_failure(self, theta: Float[np.ndarray, " n"], error: Exception) -> None:
+    def keep_failure(self, theta: Point, error: Exception) -> None:
         """Keep the error of a θ that crashed or took too long, to avoid waiting for it twice."""
-        self._failures[theta_key(theta)] = error
+        self._failures[theta] = error
 
-    def is_known(self, theta: Float[np.ndarray, " n"]) -> bool:
+    def is_known(self, theta: Point) -> bool:
         """Return whether θ has run, with or without an experiment."""
-        return theta_key(theta) in self._experiments or theta_key(theta) in self._failures
+        return theta in self._experiments or theta in self._failures
 
-    def take_failure(self, theta: Float[np.ndarray, " n"]) -> Exception | None:
-        """Return the error of θ and forget it, so that a retry runs θ again."""
-        return self._failures.pop(theta_key(theta), None)
+    def take_result(self, theta: Point) -> Experiment | Exception | None:
+        """Return what came of θ; None if it has not run. An error is forgotten, so a retry runs θ again."""
+        return self._experiments.get(theta) or self._failures.pop(theta, None)
 
-    def experiment(self, theta: Float[np.ndarray, " n"]) -> Experiment | None:
+    def experiment(self, theta: Point) -> Experiment | None:
         """Return the experiment of θ; None if it has not run."""
-        return self._experiments.get(theta_key(theta))
+        return self._experiments.get(theta)
 
 
 @dataclass(slots=True)
@@ -253,7 +250,7 @@ class PlantCare:
 
 
 class UnderWay:
-    """Runs of a source, by the key of their θ; callers must hold the interview's lock.
+    """Runs of a source, by their θ; callers must hold the interview's lock.
 
     Args:
         source: What turns θ into experiments.
@@ -271,16 +268,16 @@ class UnderWay:
     def __init__(self, source: Source, seed: int) -> None:
         self.source, self._seed = source, seed
         self.plant = PlantCare(source)
-        self.going: dict[bytes, Run] = {}
-        self.waiting: dict[bytes, Run] = {}
-        self.partial: dict[bytes, Experiment] = {}
+        self.going: dict[Point, Run] = {}
+        self.waiting: dict[Point, Run] = {}
+        self.partial: dict[Point, Experiment] = {}
         self.checked = False
         self.changed: Callable[[], None] = lambda: None
 
-    def of(self, sample: Suggested | Sample | None) -> Run | None:
+    def of(self, sample: Suggested | None) -> Run | None:
         """Return the run of a sample; None unless it waits or is in progress."""
-        key = b"" if sample is None else theta_key(sample.theta)
-        return self.going.get(key) or self.waiting.get(key)
+        theta = () if sample is None else sample.theta
+        return self.going.get(theta) or self.waiting.get(theta)
 
     @property
     def every(self) -> list[Run]:
@@ -292,7 +289,7 @@ class UnderWay:
         """Return whether a run changes a plant, or is about to; it takes no lock."""
         return any(run.moves_plant for run in self.every)
 
-    def facts(self, pending: Sample | None) -> PlantFacts:
+    def facts(self, pending: Suggested | None) -> PlantFacts:
         """Return what decides what a person can do about the run of the pending sample."""
         source, run = self.source, self.of(pending)
         ready = run is not None and run.changes is not None
@@ -310,27 +307,26 @@ class UnderWay:
             unfinished: All samples without an experiment; other runs no longer wait.
             anew: Whether to make its run again, for example to read a plant's present values.
         """
-        key = theta_key(sample.theta)
+        theta = sample.theta
         self.forget(unfinished)
-        self.partial.pop(key, None)
-        if key not in self.going and (anew or key not in self.waiting):
-            self.waiting[key] = self._made(np.array(sample.theta))
+        self.partial.pop(theta, None)
+        if theta not in self.going and (anew or theta not in self.waiting):
+            self.waiting[theta] = self._make(theta)
 
     def forget(self, unfinished: Iterable[Suggested]) -> None:
         """Let no run wait but those of `unfinished` samples: a stop is for the run that was due."""
-        due = {theta_key(sample.theta) for sample in unfinished}
-        self.waiting = {key: run for key, run in self.waiting.items() if key in due}
+        due = {sample.theta for sample in unfinished}
+        self.waiting = {theta: run for theta, run in self.waiting.items() if theta in due}
 
-    def begin(self, theta: Float[np.ndarray, " n"]) -> Run:
-        """Return the run of θ, physical, shape (n,), which is in progress from now on."""
-        key = theta_key(theta)
+    def begin(self, theta: Point) -> Run:
+        """Return the run of θ, physical, which is in progress from now on."""
         # Never in neither: whether a run moves the plant is read without a lock.
-        self.going[key] = self.waiting.get(key) or self._made(theta)
-        self.waiting.pop(key, None)
-        return self.going[key]
+        self.going[theta] = self.waiting.get(theta) or self._make(theta)
+        self.waiting.pop(theta, None)
+        return self.going[theta]
 
-    def _made(self, theta: Float[np.ndarray, " n"]) -> Run:
-        run = self.source.begin(theta.copy(), seed=self._seed)
+    def _make(self, theta: Point) -> Run:
+        run = self.source.begin(np.array(theta), seed=self._seed)
         run.changed = self.changed
         return run
 
@@ -341,18 +337,17 @@ class UnderWay:
         if self.plant.run is not None:
             self.plant.run.stop(why)
 
-    def end(self, theta: Float[np.ndarray, " n"], result: Experiment | Exception | None) -> None:
+    def end(self, theta: Point, result: Experiment | Exception | None) -> None:
         """Take note that the run of θ is over or, without a result, asks something of a person."""
-        key = theta_key(theta)
-        if key not in self.going:  # the result was known before
-            self.waiting.pop(key, None)
+        if theta not in self.going:  # the result was known before
+            self.waiting.pop(theta, None)
             return
-        run = self.going.pop(key)
+        run = self.going.pop(theta)
         if result is None:
-            self.waiting[key] = run
+            self.waiting[theta] = run
             return
         if isinstance(result, Exception) and run.partial is not None:
-            self.partial[key] = run.partial
+            self.partial[theta] = run.partial
         # After an error nobody knows how far the run came, but what it left on the disk tells.
         unknown = isinstance(result, Exception) and not isinstance(result, RunError)
         if run.moves_plant and (run.problem or unknown):
@@ -444,7 +439,8 @@ class Driver:
     @property
     def standing(self) -> Study:
         """Return the study with what is known now of the plant, which no event tells."""
-        return replace(self.study, plant=self.underway.facts(self.state.history.pending))
+        plant = self.underway.facts(self.study.pending)
+        return self.study if plant == self.study.plant else replace(self.study, plant=plant)
 
     @property
     def findings(self) -> Findings | None:
@@ -466,7 +462,7 @@ class Driver:
         Raises:
             StudyError: If they cannot be saved; then nothing has changed.
         """
-        phase, state = self.phase, self.file.state
+        state = self.file.state
         try:
             return self.file.append(*events)
         finally:
@@ -474,8 +470,8 @@ class Driver:
                 for event in events:
                     happened = event[0] if isinstance(event, tuple) else event
                     self.study = self.study.feed(happened, self.file.state)
-                self.become(self.agent)
-                self.version += self.phase is not phase
+                self.agent.history = self.file.state.history
+                self.version += 1
 
     def become(self, agent: Agent) -> None:
         """Go on with an agent, which learns what the study file says."""
@@ -512,11 +508,11 @@ class Driver:
         while True:
             match self.study.next():
                 case Write(Suggested(index=index, theta=theta) as event):
-                    self.append(event, *self.finished(index, np.array(theta)))
+                    self.append(event, *self.finished(index, theta))
                 case Write(event):
                     self.append(event)
                 case Settle(index):
-                    self.append(self._settled(index))
+                    self.append(self._settle(index))
                 case Ask(shown):
                     return self.show(shown)
                 case moment:
@@ -524,17 +520,15 @@ class Driver:
                         self._wait()
                     return self.feed(moment)
 
-    def finished(
-        self, index: int, theta: Float[np.ndarray, " n"]
-    ) -> list[Event | tuple[Finished, Experiment]]:
+    def finished(self, index: int, theta: Point) -> list[Event | tuple[Finished, Experiment]]:
         """Return the event that adds the experiment of θ as sample `index`, if it is already known."""
-        earlier = self.file.find_experiment(theta)
+        earlier = self.file.find_experiment(np.array(theta))
         if earlier is not None:
             return [Finished(index, same_as=earlier)]
         prefetched = self.thoughts.prefetch.experiment(theta)
         return [] if prefetched is None else [(Finished(index), prefetched)]
 
-    def _settled(self, index: int) -> Answered:
+    def _settle(self, index: int) -> Answered:
         """Return the answer about experiment `index` that needs no person."""
         if self.agent.by_value:
             return Answered(None, index, *self.store.scored(index))
@@ -552,24 +546,9 @@ class Driver:
         self.thoughts.prefetch.forget()
         if shown is not None:
             self.append(shown)
-        assert self.state.open is not None
-        id_, shown = self.state.open
-        question = self.store.question(id_, self.state.history.answered, shown)
-        if shown.repeats is None:
-            known = self.store.outcomes(shown.challenger, shown.incumbent)
-            further = shown.challenger < self.state.history.answered
-            left, right = (self._with_role(side, further) for side in (question.left, question.right))
-            question = replace(question, left=left, right=right, outcomes=known, further=further)
-        else:
-            further = any(c.question == shown.repeats for c in self.state.history.follow_ups)
-            question = replace(question, further=further)
+        question = self.store.open_question()
         self.feed(Moment.ASKED)
         self._question = question
-
-    def _with_role(self, side: Side, further: bool) -> Side:
-        """Return `side` with its role: "best so far", "new" or none."""
-        role = "new" if side.challenger and not further else ""
-        return replace(side, role="best so far" if side.index == self.study.best else role)
 
     @contextmanager
     def changing(self) -> Iterator[None]:
@@ -595,7 +574,7 @@ class Driver:
         if self.underway.source.asks or (self.phase is not Phase.RUNNING and not several):
             return
         wanted = self.study.unfinished if several else filter(None, [self.study.pending])
-        keys = {theta_key(sample.theta) for sample in wanted if self.phase is not Phase.OVER}
-        for key, run in self.underway.going.items():
-            if key not in keys:
+        due = {sample.theta for sample in wanted if self.phase is not Phase.OVER}
+        for theta, run in self.underway.going.items():
+            if theta not in due:
                 run.stop("given up", within=_COURTESY)

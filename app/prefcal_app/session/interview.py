@@ -239,10 +239,10 @@ def simulated(driver: Driver) -> Simulated | None:
     agent = cast(Screening, driver.agent)
     planned = agent.n_simulated
     # What was simulated for answers that were not given is not counted.
-    shown = len(driver.state.finished)
+    shown = len(driver.study.state.finished)
     count, failed = min(simulator.count, planned), simulator.failed
     if screened is not None:
-        count, failed = len(screened.bank), int(screened.bank.failed.sum())
+        count, failed = len(screened.bank.failed), int(screened.bank.failed.sum())
     # Equal θ run once: where nothing is simulated any more, fewer than that were.
     twin, due = driver.thoughts.twin is not None, agent.due if simulator.busy else 0
     return Simulated(count, planned, failed, shown, twin=twin, due=due)
@@ -348,6 +348,7 @@ class Interview:
         self.known = Known(self._driver, lambda: self.scenario)
         self._asks = asks
         self._preparing: Compiling | None = None
+        self._seen: Now | None = None
         self._idle_at: int | None = None
         if asks:
             self._driver.resume()
@@ -368,26 +369,32 @@ class Interview:
             return self._scenario
 
     def now(self) -> Now:
-        """Return a consistent view of the current state."""
+        """Return a consistent view of the latest version, which is made once."""
         driver = self._driver
         with driver.changed:
-            study, underway = driver.study, driver.underway
-            return Now(
-                version=driver.version,
-                phase=driver.phase,
-                question=driver.question,
-                problem=None if driver.problem is None else in_words(driver.problem),
-                pending=study.pending,
-                incumbent=study.best,
-                can=possible(driver.standing),
-                state=driver.state,
-                preparing=self._preparing,
-                draft=driver.latest.draft,
-                run_limit=underway.source.limit,
-                simulated=simulated(driver),
-                running=len(underway.going) if driver.at_once > 1 else 0,
-                plant=underway.plant_now(study.pending),
-            )
+            # Not at each change: many versions are seen by nobody.
+            if self._seen is None or self._seen.version != driver.version:
+                self._seen = self._look()
+            return self._seen
+
+    def _look(self) -> Now:
+        driver, study, underway = self._driver, self._driver.standing, self._driver.underway
+        return Now(
+            version=driver.version,
+            phase=study.phase,
+            question=driver.question,
+            problem=None if driver.problem is None else in_words(driver.problem),
+            pending=study.pending,
+            plant=underway.plant_now(study.pending),
+            incumbent=study.state.history.incumbent,
+            can=possible(study),
+            state=study.state,
+            preparing=self._preparing,
+            draft=driver.latest.draft,
+            run_limit=underway.source.limit,
+            simulated=simulated(driver),
+            running=len(underway.going) if driver.at_once > 1 else 0,
+        )
 
     def wait(self, version: int, timeout: float) -> Now:
         """Return as soon as the version differs from `version`, or after `timeout` seconds."""

@@ -13,9 +13,8 @@ from prefcal_agents.screening.findings import findings
 from prefcal_app.simulating import Abandoned, Screened
 from prefcal_env.errors import RunError, ScenarioError, StudyError
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.knobs import theta_key
 from prefcal_env.preferences.answer import Answer
-from prefcal_env.preferences.history import History
+from prefcal_env.preferences.history import History, Point
 from prefcal_env.sources import Run
 from prefcal_env.study import Concluded, Failed, Finished, Suggested, Taken
 from prefcal_env.wording import as_exception, in_words
@@ -101,7 +100,7 @@ class LookAhead:
         if driver.question is self.asked:
             driver.thoughts.prefetch.keep_screened(self.answer, screened)
             if theta is not None and not _is_known(driver, theta):
-                driver.thoughts.prefetch.next = theta
+                driver.thoughts.prefetch.next = tuple(theta.tolist())
             return
         waits = driver.phase is Phase.RUNNING and driver.agent.history.pending is None
         if waits and driver.agent.history.key == told.key:  # the answer came meanwhile, and it is this one
@@ -192,32 +191,34 @@ _ONE_AT_A_TIME = threading.Lock()  # held during a look: clicking through many �
 
 
 def due(driver: Driver, *, ahead: bool) -> Job[Any] | None:
-    """Return the next piece of work; None if there is none, or if it took no time and is done."""
-    underway, study = driver.underway, driver.study
+    """Return the next piece of work; None if there is none, or if it is done already.
+
+    What the study needs next is said by `Study.next` alone: while it runs, this only says who does
+    it. What nobody waits for, such as looking ahead, is no matter of the study, so it is decided here.
+    """
+    underway, study, phase = driver.underway, driver.study, driver.study.phase
     if underway.plant.recovery is Recovery.DUE:
         return Restore(driver)
-    if driver.phase in (Phase.RECORD, Phase.CONFIRM) or underway.moves_plant:
-        return _attended(driver)
-    if driver.phase is Phase.RUNNING:
+    if phase in (Phase.RECORD, Phase.CONFIRM) or underway.moves_plant:
+        return _attend(driver)
+    if phase is Phase.RUNNING:
         if study.must_think:
             return Think(driver)
-        pending = study.pending
-        if pending is None or pending.index in driver.state.finished or underway.source.asks:
-            return Proceed()
-        if driver.at_once > 1:
-            return _beside(driver) if study.proposed else Proceed()
-        return _running(driver, pending)
-    if driver.phase is Phase.QUESTION and driver.memory.is_due(driver.agent):
+        if not study.proposed or study.pending is None:
+            driver.proceed()  # a proposal takes up to a second, for which the lock is held
+            return None
+        return _run(driver, study.pending) if driver.at_once == 1 else _run_another(driver)
+    if phase is Phase.OVER:
+        return Say(driver) if is_unsaid(driver) else None
+    if phase is Phase.QUESTION and driver.memory.is_due(driver.agent):
         return Keep(driver)
-    if driver.phase is Phase.QUESTION and is_unexplained(driver):
-        return Say(driver)
-    if driver.phase is Phase.OVER and is_unsaid(driver):
+    if phase is Phase.QUESTION and is_unexplained(driver):
         return Say(driver)
     if driver.at_once > 1:
-        return _beside(driver) if driver.phase in (Phase.QUESTION, Phase.FAILED) else None
-    if driver.phase is not Phase.QUESTION:
+        return _run_another(driver)
+    if phase is not Phase.QUESTION:
         return None
-    looking = _looking_ahead(driver) if ahead and not underway.source.asks else None
+    looking = _look_ahead(driver) if ahead and not underway.source.asks else None
     return Say(driver) if looking is None and is_unsaid(driver) else looking
 
 
@@ -227,6 +228,7 @@ class Restore:
     def __init__(self, driver: Driver) -> None:
         self.recovery = driver.underway.plant.recover()
         self.recovery.changed = driver.underway.changed
+        driver.version += 1  # front ends show that it has begun
 
     def run(self) -> str:
         """Return why it failed; empty if it did not."""
@@ -240,21 +242,6 @@ class Restore:
         """Tell front ends."""
         driver.underway.plant.recovered(found)
         driver.version += 1
-
-
-class Proceed:
-    """Proceed, where nothing is simulated: a proposal takes up to a second."""
-
-    def run(self) -> None:
-        """Do nothing."""
-
-    def finish(self, driver: Driver, found: None) -> None:
-        """Proceed, unless an undo, a retraction or the end did so before the lock was acquired.
-
-        Proceeding twice would show the same question again under another id.
-        """
-        if driver.phase is Phase.RUNNING:
-            driver.proceed()
 
 
 class Keep:
@@ -271,89 +258,77 @@ class Keep:
         """Do nothing."""
 
 
-class RunAhead:
-    """Run θ, physical, shape (n,), before it is needed."""
+class RunTheta:
+    """Run θ, physical: what comes of it is recorded for the pending `sample`; without one, it is kept."""
 
-    def __init__(self, driver: Driver, theta: Theta) -> None:
-        self.driver, self.theta, self.going = driver, theta, driver.underway.begin(theta)
+    def __init__(self, driver: Driver, theta: Point, sample: Suggested | None = None) -> None:
+        self.driver, self.theta, self.sample = driver, theta, sample
+        self.going = driver.underway.begin(theta)
 
     def run(self) -> Experiment | Exception | None:
         """Return its experiment, its error, or None if it asks a person first."""
-        return attempt(self.driver, self.going, self.theta)
+        return attempt(self.driver, self.going, np.array(self.theta))
 
     def finish(self, driver: Driver, found: Experiment | Exception | None) -> None:
-        """Keep the result for the case that it is needed."""
+        """Take the result, or keep it for the case that it is needed."""
         driver.underway.end(self.theta, found)
-        if isinstance(found, Experiment):
+        why = found.why if isinstance(found, RunError) else ""
+        if self.sample is not None:
+            driver.version += 1  # front ends show what it asks, or that it is over
+            # Not a failure if it was given up: it runs again when it is needed again.
+            if found is not None and why != "given up":
+                _take(driver, self.sample, found)
+        elif isinstance(found, Experiment):
             driver.thoughts.prefetch.keep(self.theta, found)
-        elif isinstance(found, RunError) and found.why in (*UNBIDDEN, "stopped"):
+        elif isinstance(found, RunError) and why in (*UNBIDDEN, "stopped"):
             driver.thoughts.prefetch.keep_failure(self.theta, found)
 
 
-class RunSample(RunAhead):
-    """Run a pending sample: its result is recorded."""
-
-    def __init__(self, driver: Driver, sample: Suggested) -> None:
-        super().__init__(driver, np.array(sample.theta))
-        self.sample = sample
-
-    def finish(self, driver: Driver, found: Experiment | Exception | None) -> None:
-        """Take the result."""
-        driver.underway.end(self.theta, found)
-        driver.version += found is None  # front ends show what it asks
-        # Not a failure if it was given up: it runs again when it is needed again.
-        given_up = isinstance(found, RunError) and found.why == "given up"
-        if found is not None and not given_up:
-            _ran(driver, self.sample, found)
-
-
-def _attended(driver: Driver) -> RunSample | None:
+def _attend(driver: Driver) -> RunTheta | None:
     """Advance the run that a person attends to, unless it waits for them or for the plant."""
     underway, pending = driver.underway, driver.study.pending
     run = underway.of(pending)
     if run is None or pending is None or run.waits or underway.plant.recovery is not Recovery.DONE:
         return None
-    return _running(driver, pending)
+    return _run(driver, pending)
 
 
-def _beside(driver: Driver) -> RunSample | None:
+def _run_another(driver: Driver) -> RunTheta | None:
     """Run the first pending sample that does not run yet; None if all do, or enough."""
     if len(driver.underway.going) >= driver.at_once:
         return None
     for sample in driver.study.unfinished:
-        theta = np.array(sample.theta)
         failed = driver.phase is not Phase.RUNNING and (
-            driver.thoughts.prefetch.is_known(theta) or sample.index in driver.state.failures
+            driver.thoughts.prefetch.is_known(sample.theta) or sample.index in driver.state.failures
         )
-        if theta_key(theta) not in driver.underway.going and not failed:
-            driver.version += driver.phase is Phase.RUNNING  # so that front ends say how many run
-            return _running(driver, sample)
+        if sample.theta not in driver.underway.going and not failed:
+            driver.version += 1  # so that front ends say how many run
+            return _run(driver, sample)
     return None
 
 
-def _running(driver: Driver, sample: Suggested) -> RunSample | None:
+def _run(driver: Driver, sample: Suggested) -> RunTheta | None:
     """Run a pending sample; None if its result is known already, and taken now."""
-    theta = np.array(sample.theta)
-    known = driver.thoughts.prefetch.experiment(theta) or driver.thoughts.prefetch.take_failure(theta)
+    known = driver.thoughts.prefetch.take_result(sample.theta)
     if known is None:
-        return RunSample(driver, sample)
+        return RunTheta(driver, sample.theta, sample)
     # At once, since another thread would run it again meanwhile.
-    driver.underway.end(theta, known)
-    _ran(driver, sample, known)
+    driver.underway.end(sample.theta, known)
+    _take(driver, sample, known)
     return None
 
 
-def _ran(driver: Driver, sample: Suggested, result: Experiment | Exception) -> None:
+def _take(driver: Driver, sample: Suggested, result: Experiment | Exception) -> None:
     """Take the result of running `sample`, if it is still pending."""
-    theta = np.array(sample.theta)
     if isinstance(result, Experiment):
-        driver.thoughts.prefetch.keep(theta, result)
+        driver.thoughts.prefetch.keep(sample.theta, result)
     # While it ran, another one may have been answered, which changes its number.
-    index = next((s.index for s in driver.study.unfinished if s.theta == sample.theta), None)
-    if index is None or driver.phase is Phase.OVER:
+    study, indices = driver.study, {s.theta: s.index for s in driver.study.unfinished}
+    index = indices.get(sample.theta)
+    if index is None or study.phase is Phase.OVER:
         return None
-    if driver.phase not in (Phase.RUNNING, Phase.RECORD, Phase.CONFIRM):
-        return _ran_beside(driver, index, result, theta)
+    if study.phase not in (Phase.RUNNING, Phase.RECORD, Phase.CONFIRM):
+        return _take_early(driver, index, result, sample.theta)
     try:
         if isinstance(result, Experiment):
             driver.append((Finished(index), result))
@@ -365,7 +340,7 @@ def _ran(driver: Driver, sample: Suggested, result: Experiment | Exception) -> N
     return driver.feed(Moment.BROKEN, result)
 
 
-def _ran_beside(driver: Driver, index: int, result: Experiment | Exception, theta: Theta) -> None:
+def _take_early(driver: Driver, index: int, result: Experiment | Exception, theta: Point) -> None:
     """Save the experiment of pending sample `index`; its failure is shown when it is due."""
     if driver.at_once == 1:
         return
@@ -373,7 +348,6 @@ def _ran_beside(driver: Driver, index: int, result: Experiment | Exception, thet
         driver.append((Finished(index), result))
     else:
         driver.thoughts.prefetch.keep_failure(theta, result)
-    driver.version += 1
 
 
 def attempt(
@@ -420,23 +394,23 @@ def look_at(driver: Driver, theta: Float[np.ndarray, " n"]) -> Experiment:
             raise ScenarioError("only an experiment that is simulated unseen can be looked at")
         theta = driver.agent.space.check_allowed(theta)
         known = driver.file.find_experiment(theta)
-        found = driver.thoughts.prefetch.experiment(theta)
+        found = driver.thoughts.prefetch.experiment(tuple(theta.tolist()))
     if known is not None:
         return driver.file.experiment(known)
     if found is not None:
         return found
     with _ONE_AT_A_TIME:
-        result = _looked_at(driver, theta)
+        result = _run_look(driver, theta)
     if not isinstance(result, Experiment):
         raise ScenarioError(f"this simulation failed: {result}") from result
     if driver.thoughts.twin is None:
         with driver.changed:
-            driver.thoughts.prefetch.keep(theta, result)
+            driver.thoughts.prefetch.keep(tuple(theta.tolist()), result)
     return result
 
 
-def _looked_at(driver: Driver, theta: Theta) -> Experiment | Exception | None:
-    key = b"look " + theta_key(theta)
+def _run_look(driver: Driver, theta: Theta) -> Experiment | Exception | None:
+    key = (np.inf, *theta.tolist())  # not the θ itself, which may run for the study at the same time
     with driver.changed:
         run = (driver.thoughts.twin or driver.store.scenario).source.begin(
             theta.copy(), seed=driver.study.seed
@@ -449,7 +423,7 @@ def _looked_at(driver: Driver, theta: Theta) -> Experiment | Exception | None:
             del driver.underway.going[key]
 
 
-def _looking_ahead(driver: Driver) -> RunAhead | LookAhead | None:
+def _look_ahead(driver: Driver) -> RunTheta | LookAhead | None:
     """Run the θ that a copy of the agent proposes after a likely answer, or let one propose it."""
     asked, theta = driver.question, driver.thoughts.prefetch.next
     assert asked is not None
@@ -457,7 +431,7 @@ def _looking_ahead(driver: Driver) -> RunAhead | LookAhead | None:
         return None
     if theta is not None:
         driver.thoughts.prefetch.next = None
-        return RunAhead(driver, theta)
+        return RunTheta(driver, theta)
     most = len(LIKELY) if driver.thoughts.simulator is None else LIKELIEST
     answer = driver.thoughts.prefetch.missing(asked, most)
     return None if answer is None else LookAhead(driver, asked, answer)
@@ -465,4 +439,5 @@ def _looking_ahead(driver: Driver) -> RunAhead | LookAhead | None:
 
 def _is_known(driver: Driver, theta: Float[np.ndarray, " n"]) -> bool:
     """Return whether θ has run: in the study, for example before an undo, or as a prefetch."""
-    return driver.file.find_experiment(theta) is not None or driver.thoughts.prefetch.is_known(theta)
+    known = driver.thoughts.prefetch.is_known(tuple(theta.tolist()))
+    return known or driver.file.find_experiment(theta) is not None

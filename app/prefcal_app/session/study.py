@@ -4,6 +4,7 @@ from collections import OrderedDict
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any, Final, cast
 from weakref import WeakValueDictionary
@@ -13,7 +14,7 @@ import numpy as np
 from prefcal_agents import restore
 from prefcal_agents.agent import Agent, AgentState, Strategy
 from prefcal_agents.learned_cost import LearnedCost
-from prefcal_agents.lessons import Memory, judged
+from prefcal_agents.lessons import Subset, judged
 from prefcal_agents.registry import CLASSES
 from prefcal_agents.screening.agent import Screening
 from prefcal_app.simulating import Simulated, Simulator, simulates
@@ -340,7 +341,7 @@ class PlantFacts:
     recovery: Recovery = Recovery.DONE
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Study:
     """A study at one moment. Whoever drives it saves each event, feeds it, and asks what is next.
 
@@ -353,7 +354,7 @@ class Study:
         plant: What runs θ.
         thought: Whether the agent has thought about this record, to which only events were added
             that follow from it.
-        proposed: Whether the agent has proposed what can run until the next answer, if several do.
+        proposed: Whether the agent has proposed what can run: nothing is next until that is over.
     """
 
     strategy: Strategy
@@ -377,12 +378,7 @@ class Study:
             proposed=happened is Moment.RUN,
         )
 
-    @property
-    def history(self) -> History:
-        """Return the record that the agent goes by: that of the study file, nothing is kept twice."""
-        return self.state.history
-
-    @property
+    @cached_property
     def repeats(self) -> bool:
         """Return whether the question that is open was asked before."""
         shown = self.state.open
@@ -410,13 +406,13 @@ class Study:
         """Return the index of the agent's best experiment so far; None before the first."""
         return self.state.history.incumbent
 
-    @property
+    @cached_property
     def pending(self) -> Suggested | None:
         """Return the sample that has no answer yet; None until it is proposed."""
         sample, index = self.state.history.pending, self.state.history.answered
         return None if sample is None else Suggested(index, sample.z, sample.theta)
 
-    @property
+    @cached_property
     def unfinished(self) -> tuple[Suggested, ...]:
         """Return all samples that have no experiment yet, in the order proposed."""
         samples = enumerate(self.state.history.samples)
@@ -425,29 +421,30 @@ class Study:
     @property
     def must_think(self) -> bool:
         """Return whether choosing the next query may take simulations, so no lock may be held."""
-        return self.simulates and self.history.pending is None and not self.strategy.knows(self.history)
+        history = self.state.history
+        return self.simulates and history.pending is None and not self.strategy.knows(history)
 
     def next(self) -> Todo:
         """Return what is to be written, settled or asked now, or what is waited for."""
-        strategy = self.strategy
+        strategy, history = self.strategy, self.state.history
         if self.state.ended:
             return Moment.OVER
         if self.must_think and not self.thought:
             return Moment.THINK
-        leader = strategy.leader(self.history)
+        turn = strategy.turn(history)
         # An agent that learns from scores may lead with a run that is unsafe, which the record never takes.
-        if leader is not None and leader != self.best and leader not in self.history.unsafe():
-            return Write(Led(leader))
-        if strategy.is_over(self.history):
+        if turn.best is not None and turn.best != history.incumbent and turn.best not in history.unsafe:
+            return Write(Led(turn.best))
+        if turn.over:
             return Write(Ended("all compared"))
-        opened, queries = strategy.open(self.history, self.at_once)
-        index = len(self.state.history.samples)
+        opened, queries = strategy.open(turn, self.at_once)
+        index = len(history.samples)
         if len(opened.samples) > index:
             return Write(Suggested(index, opened.samples[index].z, opened.samples[index].theta))
-        if self._may_stop and strategy.has_enough(self.history):
+        if self._may_stop and strategy.has_enough(history):
             return Write(Ended(ENOUGH))
         # A query about two known experiments comes first, then the experiment that ended first.
-        ready = first_ready(queries, lambda side: self.state.finished.get(side.index))
+        ready = first_ready(queries, self.state.finished)
         return _WAITS[self.plant.asks] if ready is None else self._about(ready)
 
     def _about(self, ready: Query) -> Todo:
@@ -475,8 +472,8 @@ class Study:
         if shown.challenger < self.state.history.answered:
             if self.must_think:
                 return True  # until the agent has thought, the shown question may be any
-            over = self.strategy.is_over(self.history)
-            asked = None if over else self.strategy.open(self.history)[1][0]
+            turn = self.strategy.turn(self.state.history)
+            asked = None if turn.over else self.strategy.open(turn)[1][0]
             if asked is None or asked.incumbent is None:
                 return True
             return (asked.challenger.index, asked.incumbent.index) != (shown.challenger, shown.incumbent)
@@ -607,6 +604,24 @@ class ExperimentStore:
         declared = self.scenario.source.channels or Channels((), (), ())
         channels = self.experiment(min(known)).channels if known else declared
         return Experiment.blank(theta, channels, End.FAILED)
+
+    def open_question(self) -> Question:
+        """Return the open question, with the current marks; unless it is repeated, with roles and KPIs."""
+        state, history = self.file.state, self.file.state.history
+        assert state.open is not None
+        id_, shown = state.open
+        question = self.question(id_, history.answered, shown)
+        if shown.repeats is not None:
+            return replace(question, further=any(c.question == shown.repeats for c in history.follow_ups))
+        further = shown.challenger < history.answered
+
+        def with_role(side: Side) -> Side:
+            role = "new" if side.challenger and not further else ""
+            return replace(side, role="best so far" if side.index == history.incumbent else role)
+
+        left, right = map(with_role, (question.left, question.right))
+        known = self.outcomes(shown.challenger, shown.incumbent)
+        return replace(question, left=left, right=right, outcomes=known, further=further)
 
     def question(self, id_: int, number: int, shown: Shown) -> Question:
         """Return the question of the event `shown`, with the current marks."""
@@ -772,7 +787,7 @@ def index_of(history: History, seed: int) -> LearnedCost | None:
 
     As for a proposal, at most 250 answers count: with 1,000, a person would wait for seconds.
     """
-    return LearnedCost.of(Memory.of(history).history, seed)
+    return LearnedCost.of(Subset.of(history).history, seed)
 
 
 def trust_text(index: LearnedCost) -> str:

@@ -232,7 +232,7 @@ class Screened:
 
 def past_of(agent: Agent) -> History:
     """Return the record that the open question follows from, without its own sample."""
-    return agent.history.until(agent.history.answered)
+    return agent.history.past
 
 
 @dataclass(frozen=True, slots=True)

@@ -203,7 +203,7 @@ def _good_enough(now: Now, *, blind: bool) -> Any:
     best = now.incumbent
     if best is None or GOOD_ENOUGH not in now.state.marks.get(best, frozenset()):
         return None
-    unsafe = best in now.state.history.unsafe(automatic=True)
+    unsafe = best in now.state.history.interrupted
     return None if unsafe else {"number": None if blind else best + 1}
 
 
@@ -217,7 +217,7 @@ def best_view(interview: Interview, now: Now) -> Any:
         "number": now.incumbent + 1,
         "theta": theta_view(scenario.space, experiment),
         "copy": _exact(scenario, experiment.theta),
-        "marks": marks_of(now.state, now.incumbent, now.state.history.unsafe(automatic=True)),
+        "marks": marks_of(now.state, now.incumbent, now.state.history.interrupted),
     }
 
 
@@ -267,7 +267,7 @@ def in_words(consistency: Consistency) -> str:
 def _tried(interview: Interview, now: Now) -> dict[str, Any]:
     state, space = now.state, interview.scenario.space
     winners = set(state.history.incumbents())
-    interrupted = state.history.unsafe(automatic=True)
+    interrupted = state.history.interrupted
     return {
         "knobs": [knob_view(knob) for knob in space],
         "experiments": [

@@ -417,7 +417,7 @@ _RECORD = {"index": digits, "unsafe": bit, "again": bit, "theta": numbers, **_BL
 
 
 @dataclass(frozen=True, slots=True)
-class Pace:
+class Patience:
     """How long a page may wait for a response, in seconds.
 
     Args:
@@ -439,7 +439,7 @@ class Api:
         closed: Event to set when the person closes the window.
         seen: Function to call whenever a page asks for the current state; its argument says
             whether the page waits for a change.
-        pace: How long pages may wait.
+        patience: How long pages may wait.
         again: Command that resumes the study.
         command: Command that repeats the study from the start.
         remarks: What is no longer as it was when the study was begun.
@@ -451,7 +451,7 @@ class Api:
     reports: Reports
     closed: threading.Event
     seen: Callable[[bool], None]
-    pace: Pace = field(default_factory=Pace)
+    patience: Patience = field(default_factory=Patience)
     again: str = ""
     command: str = ""
     remarks: Sequence[str] = ()
@@ -485,7 +485,7 @@ class Api:
         after = query.get("after")
         self.seen(after is not None)
         if after is not None and (await run_in_threadpool(self.interview.now)).version == after:
-            await self._change(after, self.pace.poll)
+            await self._change(after, self.patience.poll)
             self.seen(True)
         return await self._shown(query)
 
@@ -592,7 +592,7 @@ class Api:
     async def _done(self, query: dict[str, Any], action: actions.Action) -> Response:
         """Take an action, then return the next question if it is ready soon."""
         now = await run_in_threadpool(self.interview.do, action)
-        end = anyio.current_time() + self.pace.after_answer
+        end = anyio.current_time() + self.patience.after_answer
         while now.phase is Phase.RUNNING and anyio.current_time() < end:
             await self._change(now.version, end - anyio.current_time())
             now = await run_in_threadpool(self.interview.now)

@@ -133,7 +133,7 @@ class KPITable:
         """
         values = history.kpis.values
         known = ~np.isnan(values).all(axis=1)
-        known[[*history.cut_short()]] = False  # their KPIs are bounds
+        known[[*history.cut_short]] = False  # their KPIs are bounds
         rows = np.flatnonzero(known)
         if len(rows) < _FEWEST:
             return None

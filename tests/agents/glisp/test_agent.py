@@ -269,7 +269,7 @@ def answer(agent, cost=missed, told=kpis):
 def agent_after(answers, n_max=20, **settings):
     """An agent with an open query after so many answers."""
     agent = GLISp(UNIT_SQUARE, n_init=4, n_max=n_max, settings=GLISpSettings(**settings))
-    while len(agent.history.lessons()) < answers:
+    while len(agent.history.lessons) < answers:
         answer(agent)
     if not agent.done:
         agent.ask()
@@ -357,7 +357,7 @@ def test_where_every_value_was_tried_no_experiment_is_left_to_foresee():
     agent = GLISp(few, n_init=3, n_max=20)
     while not agent.done:
         answer(agent, lambda theta: theta[0], lambda theta: {"near": theta[0]})
-    assert len(agent.history.lessons()) >= FROM
+    assert len(agent.history.lessons) >= FROM
     assert agent.foresight is None
 
 

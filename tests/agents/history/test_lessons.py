@@ -8,7 +8,7 @@ import scipy.linalg
 from scipy.linalg import lapack
 
 from prefcal_agents import GLISp, GLISpSettings
-from prefcal_agents.lessons import MOST, Marks, Memory, Preferences, judged, scores_of
+from prefcal_agents.lessons import MOST, Marks, Preferences, Subset, judged, scores_of
 from prefcal_agents.search import Acquisition, SafetyModel
 from prefcal_agents.surrogate import Shape, Surrogate
 from prefcal_env.knobs import Knob, KnobSpace
@@ -85,7 +85,7 @@ def taught(history):
 
 def test_of_a_long_study_the_oldest_and_the_latest_answers_are_remembered():
     history = long_history(1000)
-    memory = Memory.of(history)
+    memory = Subset.of(history)
     assert len(Preferences.of(memory.history)) == MOST
     assert MOST <= len(memory.kept) <= MOST * 4 / 3
     assert {*range(MOST // 4), *range(1000 - MOST * 3 // 4, 1000), history.incumbent} <= set(
@@ -96,7 +96,7 @@ def test_of_a_long_study_the_oldest_and_the_latest_answers_are_remembered():
 
 def test_what_is_remembered_was_answered_in_that_order():
     history = contradicted(long_history(500))
-    memory = Memory.of(history)
+    memory = Subset.of(history)
     there = [(int(memory.kept[a]), int(memory.kept[b]), p) for a, b, p in taught(memory.history)]
     assert [answer for answer in taught(history) if answer in there] == there
     assert len(memory.history.follow_ups) == 4
@@ -107,7 +107,7 @@ def test_of_several_answers_about_a_sample_the_last_one_is_remembered_first():
     for h in range(2, 40):
         history = history.with_pending(in_cube(np.full(3, h / 40))).with_answer(Answer(1), 0)
         history = history.with_follow_up(Answer(-1), h, 1)
-    memory = Memory.of(history, most=40)
+    memory = Subset.of(history, most=40)
     assert memory.kept.tolist() == list(range(40))
     assert sum(c.teaches for c in memory.history.comparisons) == 2  # of samples 1 and 39
     assert len(memory.history.follow_ups) == 38
@@ -115,7 +115,7 @@ def test_of_several_answers_about_a_sample_the_last_one_is_remembered_first():
 
 def test_abstentions_teach_kpis_of_the_latest_samples():
     history = long_history(1000, kpis=True, abstains_until=989)
-    memory = Memory.of(history)
+    memory = Subset.of(history)
     assert len(Preferences.of(memory.history)) == 10
     assert len(memory.kept) == MOST
     assert 999 in memory.kept
@@ -227,8 +227,8 @@ def test_kpis_become_those_of_the_nearest_whole_run_or_their_bounds():
 
 def test_an_answer_about_a_run_cut_short_teaches_nothing_about_kpis_but_all_about_theta():
     made = with_cut()
-    assert [c.challenger for c in made.lessons()] == [1, 2]
-    assert [c.challenger for c in judged(made).lessons()] == [1]
+    assert [c.challenger for c in made.lessons] == [1, 2]
+    assert [c.challenger for c in judged(made).lessons] == [1]
 
 
 def test_a_later_experiment_does_not_change_what_an_earlier_cut_taught():

@@ -110,11 +110,11 @@ def test_what_is_open_is_a_function_of_the_record_and_remembered():
         agent.tell(agent.ask(), answer)
     history = agent.history
     assert not agent.knows(history)
-    longer, queries = agent.open(history, 3)
+    longer, queries = agent.open(agent.turn(history), 3)
     assert agent.history == history  # it changes nothing
     assert agent.knows(history)
     assert agent.copy().knows(history)  # a copy remembers, too
-    assert other.open(history, 3) == (longer, queries)  # and another agent finds the same
+    assert other.open(other.turn(history), 3) == (longer, queries)  # and another agent finds the same
     assert len(longer.samples) == history.answered + 3
     assert agent.ask(3) == queries
     assert agent.history == longer

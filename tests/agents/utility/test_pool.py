@@ -29,7 +29,7 @@ def learned(record, seed=0):
     utilities, before, given = Utilities.drawn(SCALE, DRAWS, rng), History(), []
     for count in range(record.answered + 1):
         past = record.until(count)
-        if past.lessons():
+        if past.lessons:
             old, new = (Lessons.of(BANK, SCALE, part) for part in (before, past))
             utilities = updated(utilities, old, new, SCALE, rng)
         given.append((past, utilities))

@@ -36,7 +36,7 @@ def test_a_study_begins_with_the_taste_of_another_one_and_needs_its_file_no_more
     done(*line, "--n-max", "4", "--study", "hers")
     kept = settings_of("hers")["taste"]
     assert [answer for answer, *_ in kept] == [
-        int(c.answer.preference) for c in state_of("mine").history.lessons()
+        int(c.answer.preference) for c in state_of("mine").history.lessons
     ]
     assert set(dict(kept[0][1])) == {"slow", "rough"}
     best = json.loads((tmp_path / "hers" / "best.json").read_text())

@@ -50,10 +50,10 @@ def test_the_agent_learns_them_and_a_retraction_takes_them_along():
     unsafe = [i for i in range(7) if interview.past.experiment(i).end is End.UNSAFE]
     history = interview._driver.agent.state.history
     assert np.flatnonzero(Marks.of(history).unsafe).tolist() == unsafe
-    assert interview.now().state.history.unsafe(automatic=True) == set(unsafe)
+    assert interview.now().state.history.interrupted == set(unsafe)
     last = max(i for i in unsafe if i)
     interview.do(actions.Retract(last))
-    assert interview.now().state.history.unsafe(automatic=True) == set(unsafe) - {last}
+    assert interview.now().state.history.interrupted == set(unsafe) - {last}
     assert Marks.of(interview._driver.agent.state.history).unsafe.sum() == len(unsafe) - 1
     assert not interview.past.comparisons()[last].answer.preference
     assert interview.past.comparisons()[last].answer.automatic
@@ -80,7 +80,7 @@ def test_every_view_and_table_says_so_and_why(tmp_path):
     ]
     tried = status_view(interview)["tried"]["experiments"]
     shown = {e["number"] - 1 for e in tried if WORDS in e["marks"]}
-    assert shown == state.history.unsafe(automatic=True) != set()
+    assert shown == state.history.interrupted != set()
     with (export_csv(interview.file, tmp_path) / "experiments.csv").open() as file:
         marked = {i for i, row in enumerate(csv.DictReader(file)) if row["automatic marks"]}
     assert marked == shown

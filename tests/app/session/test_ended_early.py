@@ -43,7 +43,7 @@ def test_a_plant_that_ends_runs_early_by_itself_does_not_answer_for_the_person(a
     interview = studied(at_once=at_once)
     history = interview.now().state.history
     assert interview.now().phase is Phase.OVER
-    assert history.cut_short()
+    assert history.cut_short
     assert all(c.question is not None for c in history.comparisons[1:])
 
 
@@ -59,7 +59,7 @@ def test_a_run_that_a_plant_ended_early_has_no_score():
 
 def test_page_report_and_export_say_when_and_why(tmp_path):
     study = studied()
-    index = min(study.now().state.history.cut_short())
+    index = min(study.now().state.history.cut_short)
     after = f"cut short after {study.past.experiment(index).duration:.4g} h: could no longer win"
     row = next(r for r in history_view(study)["answers"] if r["challenger"] == index + 1)
     assert "first: run cut short, it could no longer win" in row["marks"]

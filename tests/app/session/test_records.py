@@ -130,7 +130,7 @@ def answered(interview, count):
             now = interview.do(actions.Answer(now.question.id, Choice.LEFT if better else Choice.RIGHT))
         elif now.phase is Phase.RUNNING:
             interview.work()
-        elif len(now.state.history.lessons()) == count:
+        elif len(now.state.history.lessons) == count:
             return
         else:
             index = now.pending.index

@@ -244,7 +244,7 @@ def test_a_simulator_of_processes_is_closed_by_whoever_made_it(tmp_path):
 @pytest.fixture
 def enough(monkeypatch):
     """Agents that have enough after three answers."""
-    monkeypatch.setattr(Screening, "has_enough", lambda agent, history: len(history.lessons()) >= 3)
+    monkeypatch.setattr(Screening, "has_enough", lambda agent, history: len(history.lessons) >= 3)
 
 
 def tried(interview):
@@ -304,7 +304,7 @@ def test_a_person_who_asks_for_something_gets_it_though_the_agent_has_enough(mon
         question = proceed(interview).question
         interview.do(actions.Answer(question.id, judge(question, cost)))
     assert proceed(interview).phase is Phase.QUESTION
-    monkeypatch.setattr(Screening, "has_enough", lambda agent, history: len(history.lessons()) == 3)
+    monkeypatch.setattr(Screening, "has_enough", lambda agent, history: len(history.lessons) == 3)
     if asked == "again":
         question = interview.do(actions.Repeat()).question
         interview.do(actions.Answer(question.id, judge(question, cost)))

@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from prefcal_agents import RandomSearch
@@ -15,13 +14,12 @@ from prefcal_app.session import Background, Choice, Phase, actions, unattended
 from prefcal_app.view import now_view
 from prefcal_env.errors import RunError, StaleError
 from prefcal_env.experiments.experiment import End
-from prefcal_env.knobs import theta_key
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.isolated import isolation
 from support.interviews import begin, until, worked
 from support.wild_runs import GAIN
 
-BAD = np.array([0.31, 26, 50.0])
+BAD = (0.31, 26.0, 50.0)
 HANGS = str(Path(__file__).parents[2] / "support" / "wild_runs.py") + ":hangs"
 
 
@@ -78,7 +76,7 @@ def test_a_run_on_suspicion_that_hangs_makes_way():
     with hanging(n_max=8, seed=1, ahead=True) as interview:
         on_suspicion(interview)
         with Background(interview):
-            now = until(interview, lambda now: theta_key(BAD) in interview._driver.underway.going)
+            now = until(interview, lambda now: BAD in interview._driver.underway.going)
             interview.do(actions.Mark(now.question.id, "left", "unsafe", True))  # foreseen answers are void
             interview.do(actions.Answer(now.question.id, Choice.LEFT))
             until(interview, lambda now: now.pending is not None)  # the next one is chosen
@@ -90,7 +88,7 @@ def test_a_run_on_suspicion_that_took_too_long_is_not_waited_for_twice():
         assert interview.work()
         ahead = interview._driver.thoughts.prefetch
         assert ahead.is_known(BAD)
-        assert "longer than 2 s" in str(ahead.take_failure(BAD))
+        assert "longer than 2 s" in str(ahead.take_result(BAD))
         assert not ahead.is_known(BAD)  # who tries again means it
 
 

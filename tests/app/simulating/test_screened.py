@@ -344,7 +344,7 @@ def test_a_choice_after_a_look_is_an_answer_and_leaves_the_study_over(tmp_path):
 
 
 def test_a_choice_keeps_the_reason_of_the_end(monkeypatch):
-    monkeypatch.setattr(Screening, "has_enough", lambda agent, history: len(history.lessons()) >= 2)
+    monkeypatch.setattr(Screening, "has_enough", lambda agent, history: len(history.lessons) >= 2)
     agent = partial(Screening, n_simulated=40)
     interview = explained(begin(simulated, n_max=9, agent=agent, stops=True))
     while interview.now().phase is not Phase.OVER:

@@ -32,8 +32,9 @@ def test_the_page_is_told_before_and_during_a_question(interview):
 
 def test_it_is_told_how_many_of_how_many_while_they_are_simulated(interview, monkeypatch):
     monkeypatch.setattr("prefcal_app.simulating.simulator._TELL", 0.0)
-    told = []
-    interview._driver.thoughts.simulator.tell = lambda: told.append(_waiting(interview.now()))
+    told, simulator = [], interview._driver.thoughts.simulator
+    tell = simulator.tell
+    simulator.tell = lambda: (tell(), told.append(_waiting(interview.now())))
     assert proceed(interview).simulated.going_on == ""
     assert told == [f"choosing the next experiment ({k} of 11 simulated)" for k in range(11)]
 

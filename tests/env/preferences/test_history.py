@@ -153,7 +153,7 @@ def test_what_is_held_for_the_best_stands_until_the_next_answer(steps):
     *_, history = after(steps)
     for index in range(history.answered):
         held = history.with_best(index)
-        assert held.incumbent == index or index in history.unsafe()
+        assert held.incumbent == index or index in history.unsafe
         assert held.by_answers == history.by_answers
         after_it = held.with_pending(in_cube([0.9, 0.9])).with_answer(Answer(None), held.incumbent)
         assert after_it.incumbent == after_it.by_answers
@@ -241,13 +241,13 @@ def test_an_answer_goes_where_it_belongs():
 def test_unsafe_marks_count_unless_they_are_retracted():
     answer = Answer(-1, marks=(UNSAFE,), automatic=(UNSAFE,))
     history = told(None, Answer(1, marks=(Mark.INCUMBENT_UNSAFE,)), answer)
-    assert history.unsafe() == {0, 2}
-    assert history.unsafe(automatic=True) == {2}
-    assert history.retracted(2).unsafe(automatic=True) == frozenset()
+    assert history.unsafe == {0, 2}
+    assert history.interrupted == {2}
+    assert history.retracted(2).interrupted == frozenset()
     mark = (Mark.INCUMBENT_UNSAFE,)
     further = history.with_follow_up(Answer(1, marks=mark, automatic=mark), 2, 1)
-    assert further.unsafe(automatic=True) == {1, 2}
-    assert further.undone().unsafe(automatic=True) == {2}
+    assert further.interrupted == {1, 2}
+    assert further.undone().interrupted == {2}
 
 
 def test_the_right_record_replaces_kpis_and_marks_and_retracts_the_verdict():

@@ -110,6 +110,6 @@ def test_a_run_cut_short_loses_without_a_question_and_its_kpis_are_bounds():
     assert all(s.answer.automatic == (Mark.CHALLENGER_CUT_SHORT,) for s in short)
     assert all(e.end is End.TIME_UP for e in asked)
     assert len(asked) + len(short) == 8
-    assert agent.history.cut_short() == {
+    assert agent.history.cut_short == {
         s.query.challenger.index for s in steps if s.challenger.end is End.CUT_SHORT
     }

@@ -62,7 +62,7 @@ def test_an_answer_makes_another_study_and_changes_none():
     assert interview._driver.study.next() != asked
 
 
-def test_an_unsafe_run_never_leads_whatever_the_agent_says(monkeypatch):
+def test_an_unsafe_run_never_leads_whatever_the_agent_says():
     interview = begin(TOY, n_max=6)
     question = proceed(interview).question
     interview.do(actions.Mark(question.id, "left", "unsafe", on=True))
@@ -71,9 +71,11 @@ def test_an_unsafe_run_never_leads_whatever_the_agent_says(monkeypatch):
     proceed(interview)
     study = interview._driver.study
     for leader, led in ((question.left.index, False), (question.right.index, True)):
-        monkeypatch.setattr(GLISp, "leader", lambda agent, history, leader=leader: leader)
-        other = replace(study, state=replace(study.state, history=replace(study.history, leads=())))
-        monkeypatch.setattr(Study, "best", property(lambda study: None))
+        history, strategy = replace(study.state.history, leads=()), study.strategy.copy()
+        turn = strategy.turn(history)._replace(best=leader)
+        strategy.turn = lambda _, turn=turn: turn
+        vars(history)["incumbent"] = None  # what the answers say is another one
+        other = replace(study, strategy=strategy, state=replace(study.state, history=history))
         assert (other.next() == Write(Led(leader))) is led
 
 

@@ -10,7 +10,7 @@ import httpx
 import pytest
 
 from prefcal_app.session import Choice, Interview, Phase, actions
-from prefcal_app.web.api import Pace
+from prefcal_app.web.api import Patience
 from support.interviews import begin, proceed
 from support.windows import make_room
 
@@ -32,7 +32,7 @@ def test_now_shows_the_open_question(room):
 def test_forty_polls_wake_with_an_answer_that_they_do_not_hold_up(toy, static):
     interview = begin(toy)
     proceed(interview)
-    room = make_room(interview, static, pace=Pace(poll=60.0, after_answer=0.0))
+    room = make_room(interview, static, patience=Patience(poll=60.0, after_answer=0.0))
     version = interview.now().version
 
     async def meet() -> list[httpx.Response]:
@@ -64,7 +64,7 @@ def test_an_answer_is_recorded_with_what_belongs_to_it(room):
 def test_the_answer_waits_for_the_next_question(toy, static):
     interview = begin(toy)
     proceed(interview)
-    room = make_room(interview, static, pace=Pace(after_answer=60.0))
+    room = make_room(interview, static, patience=Patience(after_answer=60.0))
     first = room.question()
     worker = threading.Thread(target=lambda: work_until_another(interview, first))
     worker.start()
@@ -212,7 +212,7 @@ def test_the_report_is_there_once_it_is_written(room, tmp_path):
 def test_the_report_wakes_the_pages(toy, static, tmp_path):
     interview = begin(toy)
     proceed(interview)
-    room = make_room(interview, static, pace=Pace(poll=60.0))
+    room = make_room(interview, static, patience=Patience(poll=60.0))
     version = interview.now().version
 
     async def meet() -> httpx.Response:
