@@ -31,6 +31,14 @@ class TestFunction:
         """Return the value at physical `theta`, shape (n,)."""
         return float(self.f(np.asarray(theta, dtype=float)))
 
+    def gap(self, theta: Float[np.ndarray, " n"]) -> float:
+        """Return the difference between the value at `theta` and the optimum."""
+        return self(theta) - self.optimum
+
+    def prefer(self, a: Float[np.ndarray, " n"], b: Float[np.ndarray, " n"]) -> int:
+        """Return the preference of the latent function, eq. pref_fun-f: -1 if `a` is lower."""
+        return int(np.sign(self(a) - self(b)))
+
 
 def box(*bounds: tuple[float, float]) -> KnobSpace:
     """Return a space of linear knobs x1, x2, ...

@@ -46,4 +46,13 @@ def test_nothing_is_below_the_optimum(function):
         center = function.space.encode(np.array(minimizer))
         near = center + 1e-3 * rng.standard_normal((100, len(center)))
         points += list(np.clip(near, 0, 1))
-    assert min(function(function.space.decode(z)) for z in points) > function.optimum - 1e-8
+    assert min(function.gap(function.space.decode(z)) for z in points) > -1e-8
+
+
+@EACH
+def test_the_lower_value_is_preferred(function):
+    best = np.array(MINIMIZERS[function.name][0])
+    other = function.space.decode(np.full(len(best), 0.9))
+    assert function.prefer(best, other) == -1
+    assert function.prefer(other, best) == 1
+    assert function.prefer(other, other) == 0
