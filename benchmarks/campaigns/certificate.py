@@ -60,12 +60,9 @@ FAMILIES = (*TRADING, "priorities", "order", "ideal", "majority", "ranks", "curv
 WRONG = {0: "", 10: "-noisy10"}
 """End of the name of a taste by the percentage of wrong answers."""
 ANSWERS = (2, 3, 5, 6, 8, 10, 12, 15, 20)
-_MOST_ANSWERS = 10
-"""Answers of a study that does not end by itself."""
-_POOL = 8192
-"""Number of random θ that the truth is read off."""
-_SHARES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
-"""Shares whose chances to be exceeded are fitted."""
+_MOST_ANSWERS = 10  # answers of a study that does not end by itself
+_POOL = 8192  # number of random θ that the truth is read off
+_SHARES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5)  # shares whose chances to be exceeded are fitted
 _FIT_AT, _PENALTY = 0.01, 1e-3
 """Chance of being exceeded for which coefficients are fitted, and the ridge penalty."""
 _SPANS, _BINS = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0), (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
@@ -74,25 +71,15 @@ _TENTHS = tuple(k / 10 for k in range(11))
 
 @dataclass(frozen=True)
 class Row:
-    """One study after so many answers.
+    """One study after so many answers."""
 
-    Args:
-        loop: Name of the loop.
-        family: Kind of people.
-        wrong: Percentage of wrong answers.
-        seed: Seed of person and agent.
-        evidence: What draws and answers say; on a rig, of the next experiment.
-        exceeded_by: Share of random θ that are noticeably better than the result.
-        better: Whether the most promising θ, or the next experiment, is noticeably better.
-    """
-
-    loop: str
-    family: str
-    wrong: int
-    seed: int
-    evidence: Evidence | Foresight
-    exceeded_by: float
-    better: bool
+    loop: str  # name of the loop
+    family: str  # kind of people
+    wrong: int  # percentage of wrong answers
+    seed: int  # seed of person and agent
+    evidence: Evidence | Foresight  # what draws and answers say; on a rig, of the next experiment
+    exceeded_by: float  # share of random θ that are noticeably better than the result
+    better: bool  # whether the most promising θ, or the next experiment, is noticeably better
 
     @property
     def said(self) -> Certificate:
@@ -248,19 +235,16 @@ def tables(rows: Sequence[Row]) -> Iterator[str]:
         lines = [[name, *_exceeded(some), *_medians(some)] for name, some in groups.items() if some]
         heads = ["family", *counts, "median stated", "median true", "in the interval", "its lower end"]
         yield from markdown(heads, lines, f"After {answers} answers") if lines else ()
-    spans = {(low, high): [row for row in rows if _between(low, row, high)] for low, high in pairwise(_SPANS)}
+    spans = {
+        (low, high): [r for r in rows if low < (r.said.share or 0.0) <= high]
+        for low, high in pairwise(_SPANS)
+    }
     lines = [[f"up to {high:.0%}", *_exceeded(some)] for (_, high), some in spans.items() if some]
     yield from markdown(["stated share", *counts], lines, "By what is stated, after any number of answers")
     heads = ["stated chance", "studies", "mean stated", "was better"]
     yield from markdown(heads, _reliability(rows), "Chance that the most promising θ is noticeably better")
     heads = ["family", "studies", "answers", "worth of ten"]
     yield from markdown(heads, _ended(rows), "Studies that end when it is enough")
-
-
-def _between(low: float, row: Row, high: float) -> bool:
-    """Return whether the row states a share in this span."""
-    share = row.said.share
-    return share is not None and low < share <= high
 
 
 def _exceeded(rows: Sequence[Row]) -> list[str]:

@@ -42,17 +42,11 @@ _ATTRIBUTES = ("price", "time", "change", "comfort")
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Choices:
-    """What one person chose of two things, n times.
+    """What one person chose of two things, n times."""
 
-    Args:
-        first: Attributes of one, lower is better, shape (n, k).
-        second: Those of the other, shape (n, k).
-        answers: -1 if the first one was chosen, 1 if the second one was, shape (n,).
-    """
-
-    first: Float[np.ndarray, "n k"]
-    second: Float[np.ndarray, "n k"]
-    answers: Int[np.ndarray, " n"]
+    first: Float[np.ndarray, "n k"]  # attributes of one, lower is better, shape (n, k)
+    second: Float[np.ndarray, "n k"]  # those of the other, shape (n, k)
+    answers: Int[np.ndarray, " n"]  # -1 if the first one was chosen, 1 if the second one was, shape (n,)
 
     def some(self, rows: Int[np.ndarray, " r"]) -> "Choices":
         """Return the choices `rows`."""

@@ -35,8 +35,7 @@ from prefcal_scenarios.runs import reading
 from prefcal_scenarios.scenario import Scenario
 
 LOOPS = ("cstr", "servo", "pid")
-_RANDOM = 60
-"""Number of random experiments that tell what differences and values are usual."""
+_RANDOM = 60  # number of random experiments that tell what differences and values are usual
 _TINY = re.compile(r"e[−-]\d")
 
 
@@ -49,13 +48,9 @@ class Judge(Protocol):
 
 @dataclass(frozen=True)
 class InOrder:
-    """Looks at one KPI after the other; the first noticeable difference decides.
+    """Looks at one KPI after the other; the first noticeable difference decides."""
 
-    Args:
-        noticed: KPI to its just noticeable difference, most important first.
-    """
-
-    noticed: Mapping[str, float]
+    noticed: Mapping[str, float]  # KPI to its just noticeable difference, most important first
 
     def prefers(self, a: Mapping[str, float], b: Mapping[str, float]) -> int:
         """Return 1 if `a` is better, -1 if `b` is, 0 if no difference is noticed."""
@@ -67,17 +62,11 @@ class InOrder:
 
 @dataclass(frozen=True)
 class WithinLimits:
-    """Looks first how many limits are kept, then at the sum of all KPIs, in usual differences.
+    """Looks first how many limits are kept, then at the sum of all KPIs, in usual differences."""
 
-    Args:
-        limits: KPI to the largest value that is accepted.
-        usual: KPI to a usual difference.
-        noticed: Just noticeable difference of the sum.
-    """
-
-    limits: Mapping[str, float]
-    usual: Mapping[str, float]
-    noticed: float
+    limits: Mapping[str, float]  # KPI to the largest value that is accepted
+    usual: Mapping[str, float]  # KPI to a usual difference
+    noticed: float  # just noticeable difference of the sum
 
     def prefers(self, a: Mapping[str, float], b: Mapping[str, float]) -> int:
         """Return 1 if `a` is better, -1 if `b` is, 0 if no difference is noticed."""
@@ -141,21 +130,15 @@ def judged(scenario: Scenario, experiment: Experiment) -> Mapping[str, float]:
 
 @dataclass
 class ReplayedStudy:
-    """What happened in one study.
+    """What happened in one study."""
 
-    Args:
-        untrue: What was not true, in words.
-        questions: Number of questions asked.
-        ties: Number of answers "about the same".
-        said: For each question with a stated chance, that chance and whether the new one won.
-        promised: For each answer, the chance that something better is left, and whether any of
-            all simulated experiments is in fact better than the best so far.
-    """
-
-    untrue: list[str] = field(default_factory=list)
-    questions: int = 0
-    ties: int = 0
+    untrue: list[str] = field(default_factory=list)  # what was not true, in words
+    questions: int = 0  # number of questions asked
+    ties: int = 0  # number of answers "about the same"
+    # For each question with a stated chance, that chance and whether the new one won
     said: list[tuple[float, bool]] = field(default_factory=list)
+    # For each answer, the chance that something better is left, and whether any of all simulated experiments
+    # is in fact better than the best so far
     promised: list[tuple[float, bool]] = field(default_factory=list)
 
 
@@ -234,7 +217,8 @@ def _untrue(interview: Interview, now: Now, question: Question, asked: Sequence[
     rows, why = view["question"]["comparison"], view["screening"]["why"]
     new = "left" if question.challenger is question.left else "right"
     yield from _against_table(why, rows, new)
-    yield from (f"the table shows {t}" for row in rows for t in _texts(row) if _TINY.search(t))
+    texts = (t for row in rows for t in (row["left"]["text"], row["right"]["text"], row["difference"]))
+    yield from (f"the table shows {t}" for t in map(str, texts) if _TINY.search(t))
     if "good" in why and not all(row[new]["met"] is not False for row in rows):
         yield f"{why!r} of a run that misses objectives"
     if "Nothing learned" in why and now.state.history.lessons:
@@ -246,11 +230,6 @@ def _untrue(interview: Interview, now: Now, question: Question, asked: Sequence[
         yield f"{view['progress']['text']!r} at question {len(asked) + 1}"
     if not asked:
         yield from _of_first(interview, question)
-
-
-def _texts(row: Mapping[str, object]) -> list[str]:
-    sides = [row["left"], row["right"]]
-    return [*(str(side["text"]) for side in sides), str(row["difference"])]  # type: ignore[index]
 
 
 def _against_table(why: str, rows: Sequence[Mapping[str, object]], new: str) -> Iterator[str]:

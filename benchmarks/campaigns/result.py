@@ -49,10 +49,8 @@ from prefcal_env.preferences.answer import Answer
 LOOPS = tuple(f"rough-{number}" for number in range(900, 915))
 """Loops on which nothing was developed."""
 FAMILIES = ("order", "trade", "ideal", "majority", "ranks", "curves")
-_ASKED, _LAST = 10, 5
-"""Numbers of answers, and of those whose stakes are noted."""
-_FEW = 0.01
-"""Share of the candidates that is few."""
+_ASKED, _LAST = 10, 5  # numbers of answers, and of those whose stakes are noted
+_FEW = 0.01  # share of the candidates that is few
 _EDGES = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.9, 1.01)
 Row = Mapping[str, Any]
 

@@ -31,8 +31,7 @@ FIRST, WITHIN = 10, 5
 """Questions among which ties are counted, and within which a pair should not come again."""
 _NOISY_AT = 20
 REACTOR_SHOWN, OVERTAKING_SHOWN = 12, 10
-_SHOWN = (8, REACTOR_SHOWN)
-"""Numbers of experiments after which the reactor's index is told."""
+_SHOWN = (8, REACTOR_SHOWN)  # numbers of experiments after which the reactor's index is told
 _VERDICTS = {Preference.CHALLENGER: "better", Preference.TIE: "a tie", Preference.INCUMBENT: "worse"}
 Results = Sequence[Result]
 

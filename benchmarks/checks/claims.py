@@ -48,17 +48,11 @@ Numbers = Sequence[float]
 
 @dataclass(frozen=True)
 class Claim:
-    """Claim of a page with figures.
+    """Claim of a page with figures."""
 
-    Args:
-        page: Path in the repository.
-        text: Text of the page with the figures in ‹ ›; line breaks do not matter.
-        compute: Function that returns the figures, in the order of the text.
-    """
-
-    page: str
-    text: str
-    compute: Callable[[], Numbers]
+    page: str  # path in the repository
+    text: str  # text of the page with the figures in ‹ ›; line breaks do not matter
+    compute: Callable[[], Numbers]  # function that returns the figures, in the order of the text
 
     @property
     def words(self) -> str:

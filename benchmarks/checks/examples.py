@@ -116,9 +116,7 @@ _COMMAND = "from prefcal_app.cli import main; main()"
 def examples(docs: Path, folder: Path) -> Gallery:
     """Run the code of every example, and return the pictures and the numbers to keep.
 
-    Args:
-        docs: Folder of the documentation.
-        folder: Empty folder for the files that the examples make.
+    `folder` is empty, for the files that the examples make.
     """
     pictures, story = {}, {}
     for example, (source, saved, figure, expression) in EXAMPLES.items():

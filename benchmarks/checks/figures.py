@@ -90,17 +90,13 @@ def study(scenario: str, folder: Path) -> Mapping[str, Any]:
     with (folder / "comparisons.csv").open(encoding="utf-8") as file:
         for row in csv.DictReader(file):
             for side in ("challenger", "incumbent"):
-                values = [float(v) for name in names for v in [_column(row, f"{side} {name}")]]
+                heads = (next(h for h in row if h.partition(" [")[0] == f"{side} {name}") for name in names)
+                values = [float(row[head]) for head in heads]
                 cost = float(row[f"{side} cost"] or "nan")
                 tried[int(row[f"{side} experiment"])] = (values, cost)
     best = json.loads((folder / "best.json").read_text("utf-8"))
     initial = best["study"]["initial experiments"]
     return {**result, "tried": tried, "number": best["experiment"], "initial": int(initial)}
-
-
-def _column(row: Mapping[str, str], name: str) -> str:
-    """Return the value under `name`, with or without its unit."""
-    return next(v for k, v in row.items() if k == name or k.startswith(f"{name} ["))
 
 
 def reactor(folder: Path) -> tuple[Pictures, Story]:

@@ -50,15 +50,15 @@ def offsets() -> dict[str, tuple[float, float]]:
     }
 
 
-def noise_left(steps: int = 150, seed: int = 0) -> tuple[float, float]:
+def noise_left() -> tuple[float, float]:
     """Return the RMS error of the estimated T and C_A, as a share of the measurement's."""
-    rng, plant = np.random.default_rng(seed), CSTR()
+    rng, plant = np.random.default_rng(0), CSTR()
     controller = reactor.controller(THETA, reactor.ESTIMATOR)
     assert isinstance(controller, EstimatingMPC)
     task = cstr_task(plant)
     x, u = task.x0, task.u0
     errors, measured = [], []
-    for k in range(steps):
+    for k in range(150):
         noise = NOISE * rng.standard_normal(2)
         u = controller.move(Measurement(k * THETA[0], x + noise, u, FEED, task.reference(0.0))).u
         estimate = controller.estimator.estimate.mean

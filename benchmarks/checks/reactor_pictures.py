@@ -26,21 +26,13 @@ Row = Mapping[str, float]
 
 @dataclass(frozen=True)
 class CalibratedRuns:
-    """Finished study of a scenario with a cost.
+    """Finished study of a scenario with a cost."""
 
-    Args:
-        scenario: Calibrated scenario.
-        initial: Experiments before anything was learned, in order.
-        best: Returned experiment.
-        number: Number of the returned experiment, from 1.
-        costs: Cost of every experiment, in order, shape (N,).
-    """
-
-    scenario: Scenario
-    initial: Sequence[Experiment]
-    best: Experiment
-    number: int
-    costs: Sequence[float]
+    scenario: Scenario  # calibrated scenario
+    initial: Sequence[Experiment]  # experiments before anything was learned, in order
+    best: Experiment  # returned experiment
+    number: int  # number of the returned experiment, from 1
+    costs: Sequence[float]  # cost of every experiment, in order, shape (N,)
 
 
 def gain(study: CalibratedRuns) -> Figure:

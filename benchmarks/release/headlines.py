@@ -49,27 +49,16 @@ _NO_PROSE = ("#", "!", "<", "|", "{", ":")
 
 @dataclass(frozen=True, slots=True)
 class Headline:
-    """A figure that people read first.
+    """A figure that people read first."""
 
-    Args:
-        text: The words of the pages, figures included.
-        pages: Pages that have them, as paths in the repository.
-        command: Command that gives the figures, or the reason why there is none.
-        revision: Commit at which it ran; empty if any gives the same.
-        seeds: Seeds or repetitions; empty if nothing is random.
-        interval: 95 % interval, or why there is none; empty if nothing is random.
-        agent: Name and version of the agent, such as "Screening 2"; empty if there is none.
-        rows: Which published studies give the figures, such as "weights, 10 answers".
-    """
-
-    text: str
-    pages: tuple[str, ...]
-    command: str
-    revision: str = ""
-    seeds: str = ""
-    interval: str = ""
-    agent: str = ""
-    rows: tuple[str, ...] = ()
+    text: str  # the words of the pages, figures included
+    pages: tuple[str, ...]  # pages that have them, as paths in the repository
+    command: str  # command that gives the figures, or the reason why there is none
+    revision: str = ""  # commit at which it ran; empty if any gives the same
+    seeds: str = ""  # seeds or repetitions; empty if nothing is random
+    interval: str = ""  # 95 % interval, or why there is none; empty if nothing is random
+    agent: str = ""  # name and version of the agent, such as "Screening 2"; empty if there is none
+    rows: tuple[str, ...] = ()  # which published studies give the figures, such as "weights, 10 answers"
 
     def faults(self, root: Path = ROOT) -> Iterator[str]:
         """Yield a sentence for each thing that is not as it should be."""
@@ -132,10 +121,10 @@ def unlisted(page: str, listed: list[Headline], given: list[str], root: Path = R
     return found[0] if found else ""
 
 
-def pages(root: Path = ROOT) -> list[str]:
+def pages() -> list[str]:
     """Return all pages, as paths in the repository."""
-    found = [root / FRONT[0], *sorted((root / "docs").rglob("*.md"))]
-    return [page.relative_to(root).as_posix() for page in found]
+    found = [ROOT / FRONT[0], *sorted((ROOT / "docs").rglob("*.md"))]
+    return [page.relative_to(ROOT).as_posix() for page in found]
 
 
 def faults() -> list[str]:

@@ -16,14 +16,10 @@ Values = Sequence[float] | np.ndarray
 
 @dataclass(frozen=True, slots=True)
 class StepSignal:
-    """A signal that is constant between steps; of a time it is a function, as `Task` takes it.
+    """A signal that is constant between steps; of a time it is a function, as `Task` takes it."""
 
-    Args:
-        start: Values until the first step, n numbers.
-        steps: Later times, increasing, each with the n values from then on.
-    """
-
-    start: Values
+    start: Values  # values until the first step, n numbers
+    # Later times, increasing, each with the n values from then on
     steps: tuple[tuple[float, Values], ...] = ()
 
     def __call__(self, t: float) -> Float[np.ndarray, " n"]:

@@ -43,8 +43,6 @@ def moves_of(
     """Return what can vary of the step: all if no limit of an output is near, and the other side exists.
 
     Args:
-        plant: Plant.
-        task: Task.
         limits: Limits of each output.
         targets: Index of an output and its reference after the step, in the order of the loops.
         ends: Shares of the step at which the plant must rest within its limits, too.

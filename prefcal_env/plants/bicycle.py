@@ -51,12 +51,9 @@ class Bicycle:
     The inputs are v [m/s] and δ_s [rad]; time is in seconds. The reference point is the front
     wheel; y points to the left, θ is counterclockwise. All states are outputs, and there is no
     disturbance.
-
-    Args:
-        length: Wheelbase L, the distance between the axles [m].
     """
 
-    length: float = 4.5
+    length: float = 4.5  # wheelbase L, the distance between the axles [m]
 
     def __post_init__(self) -> None:
         if not 0 < self.length < np.inf:

@@ -100,24 +100,18 @@ class Equations:
 
     A plant that has compiled equations returns them as its attribute `equations`; then its
     simulation and its MPC never wait for Python.
-
-    Args:
-        f: Address of the function that writes ẋ, shape (n_x,).
-        g: Address of the function that writes y, shape (n_y,); 0 means y = x.
-        jacobians: Address of the function that writes A, B, C and D, row by row.
-        parameters: The parameters p, which all three get; integers become floats.
-        on_outputs: Indices of the outputs with an added disturbance; these follow in d.
-        on_inputs: Indices of the inputs with an added disturbance; these are the last of d.
-        callbacks: What calls Python, if the functions do.
     """
 
-    f: int
-    g: int
-    jacobians: int
+    f: int  # address of the function that writes ẋ, shape (n_x,)
+    g: int  # address of the function that writes y, shape (n_y,); 0 means y = x
+    jacobians: int  # address of the function that writes A, B, C and D, row by row
+    # The parameters p, which all three get; integers become floats
     parameters: Float[np.ndarray, " _"] = field(default_factory=lambda: np.zeros(0))
+    # Indices of the outputs with an added disturbance; these follow in d
     on_outputs: Int[np.ndarray, " n_p"] = field(default_factory=lambda: _NONE)
+    # Indices of the inputs with an added disturbance; these are the last of d
     on_inputs: Int[np.ndarray, " n_w"] = field(default_factory=lambda: _NONE)
-    callbacks: "Callbacks | None" = None
+    callbacks: "Callbacks | None" = None  # what calls Python, if the functions do
 
     def __post_init__(self) -> None:
         # A copy: kernels are compiled for writable arrays of floats.

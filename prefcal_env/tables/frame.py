@@ -40,14 +40,14 @@ def period_of(resample: Any, unit: str) -> float:
     return value
 
 
-def grid(t: Float[np.ndarray, " K"], period: float, most: int = 10_000_000) -> Float[np.ndarray, " M"]:
+def grid(t: Float[np.ndarray, " K"], period: float) -> Float[np.ndarray, " M"]:
     """Return the multiples of `period` from the first of the instants `t` to the last one.
 
     Raises:
-        SettingsError: If there are more than `most`.
+        SettingsError: If there are more than 10 million.
     """
     count = (t[-1] - t[0]) / period
-    if count > most:
+    if count > 1e7:
         raise SettingsError(f"resample={period:g} makes {count:.3g} rows: give a longer period")
     return np.asarray(t[0] + period * np.arange(int(np.floor(count * (1 + 1e-12) + 1e-9)) + 1))
 

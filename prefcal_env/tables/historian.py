@@ -176,7 +176,8 @@ class _Long:
         names: dict[str, int] = {}
         for i in range(len(sheet.headings)):
             if i != time and i not in sheet.aside:
-                names.setdefault(" ".join(re.findall(r"[^\W_]+", _spaced(sheet.name(i)))), i)
+                spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", sheet.name(i)).lower()  # of a heading as TagName
+                names.setdefault(" ".join(re.findall(r"[^\W_]+", spaced)), i)
         tag = next((names[name] for name in _TAGS.split(";") if name in names), None)
         value = next((names[name] for name in _VALUES if name in names), None)
         if tag is None or value is None:
@@ -280,11 +281,6 @@ def _told(tag: str, signals: Sequence["_Signal"], left_out: Sequence[str], sever
     yield from next((s.said for s in signals if s.said), ())
 
 
-def _spaced(name: str) -> str:
-    """Return a heading such as TagName in small letters with spaces."""
-    return re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).lower()
-
-
 def _tag(value: Any) -> str:
     """Return a tag as text: 101, although pandas reads 101.0."""
     return str(int(value)) if isinstance(value, float) and value.is_integer() else str(value).strip()
@@ -303,29 +299,18 @@ def _by_repetition(sheet: Sheet, time: int, there: list[int]) -> tuple[int | Non
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Signal:
-    """The rows of one tag.
+    """The rows of one tag."""
 
-    Args:
-        name: The tag.
-        unit: Unit of its values; "" if no column tells.
-        rows: Its rows in the table, shape (K,).
-        t: Times, shape (K,): seconds since the midnight of `day`, or numbers as they stand.
-        day: Day of that midnight, in days since 1970; None without a date.
-        counted: Whether times are numbers.
-        values: Values at `t`, shape (K,); NaN for gaps.
-        bad: What was written instead of a good value, by row.
-        said: What was made of the clock, in words.
-    """
-
-    name: str
-    unit: str
-    rows: Int[np.ndarray, " K"]
+    name: str  # the tag
+    unit: str  # unit of its values; "" if no column tells
+    rows: Int[np.ndarray, " K"]  # its rows in the table, shape (K,)
+    # Times, shape (K,): seconds since the midnight of `day`, or numbers as they stand
     t: Float[np.ndarray, " K"]
-    day: int | None
-    counted: bool
-    values: Float[np.ndarray, " K"]
-    bad: dict[int, str]
-    said: tuple[str, ...]
+    day: int | None  # day of that midnight, in days since 1970; None without a date
+    counted: bool  # whether times are numbers
+    values: Float[np.ndarray, " K"]  # values at `t`, shape (K,); NaN for gaps
+    bad: dict[int, str]  # what was written instead of a good value, by row
+    said: tuple[str, ...]  # what was made of the clock, in words
 
     @classmethod
     def of(

@@ -19,26 +19,17 @@ _SAME_INSTANT = 1e-9  # share of the duration below which two instants count as 
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """A recorded curve up to its last finite value.
+    """A recorded curve up to its last finite value."""
 
-    Args:
-        what: What it is and its name, for messages: "output 'level'".
-        t: Instants, shape (M,), increasing.
-        values: Values at `t`, shape (M,).
-        held: Whether a value holds until the next one, as for inputs and references; otherwise
-            the curve is interpolated linearly.
-        own: Whether it has instants of its own.
-        stopped: Whether values that are not finite followed after the last one.
-        gaps: Whether values may be missing, as for signals and references.
-    """
-
-    what: str
-    t: Float[np.ndarray, " M"]
-    values: Float[np.ndarray, " M"]
+    what: str  # what it is and its name, for messages: "output 'level'"
+    t: Float[np.ndarray, " M"]  # instants, shape (M,), increasing
+    values: Float[np.ndarray, " M"]  # values at `t`, shape (M,)
+    # Whether a value holds until the next one, as for inputs and references; otherwise the curve is
+    # interpolated linearly
     held: bool
-    own: bool = False
-    stopped: bool = False
-    gaps: bool = False
+    own: bool = False  # whether it has instants of its own
+    stopped: bool = False  # whether values that are not finite followed after the last one
+    gaps: bool = False  # whether values may be missing, as for signals and references
 
     def at(self, t: Float[np.ndarray, " K"]) -> Float[np.ndarray, " K"]:
         """Return the values at other instants, shape (K,), which the curve must cover."""
@@ -52,25 +43,16 @@ class Curve:
 
 @dataclass(frozen=True, slots=True)
 class Aligned:
-    """The curves of one run at common instants.
+    """The curves of one run at common instants."""
 
-    Args:
-        t: Instants, shape (K,), increasing; none if no output has a finite value.
-        y: Outputs at `t`, shape (K, n_y).
-        u: Inputs at `t`, shape (K, n_u).
-        y_ref: References of the outputs at `t`, shape (K, n_y); NaN where there is none.
-        signals: Additional signals by name, each of shape (K,).
-        decided: Rows at which inputs were decided or references changed, shape (N,).
-        stopped: Whether values that are not finite followed after `t`.
-    """
-
-    t: Float[np.ndarray, " K"]
-    y: Float[np.ndarray, "K n_y"]
-    u: Float[np.ndarray, "K n_u"]
+    t: Float[np.ndarray, " K"]  # instants, shape (K,), increasing; none if no output has a finite value
+    y: Float[np.ndarray, "K n_y"]  # outputs at `t`, shape (K, n_y)
+    u: Float[np.ndarray, "K n_u"]  # inputs at `t`, shape (K, n_u)
+    # References of the outputs at `t`, shape (K, n_y); NaN where there is none
     y_ref: Float[np.ndarray, "K n_y"]
-    signals: dict[str, Float[np.ndarray, " K"]]
-    decided: Int[np.ndarray, " N"]
-    stopped: bool
+    signals: dict[str, Float[np.ndarray, " K"]]  # additional signals by name, each of shape (K,)
+    decided: Int[np.ndarray, " N"]  # rows at which inputs were decided or references changed, shape (N,)
+    stopped: bool  # whether values that are not finite followed after `t`
 
 
 def aligned(

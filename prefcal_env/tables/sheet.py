@@ -52,19 +52,12 @@ _MAYBE_NUMBER = re.compile(r"\s*[+-]?[\d.,]+([eE][+-]?\d+)?\s*")
 
 @dataclass(frozen=True, slots=True)
 class Lines:
-    """The cells of a CSV without comments and empty lines.
+    """The cells of a CSV without comments and empty lines."""
 
-    Args:
-        headings: Headings of the columns, with the units of a row of units.
-        separator: What separates cells.
-        rows: Cells of each line below the headings.
-        places: Number of the line of each of `rows`, as shown by an editor.
-    """
-
-    headings: tuple[str, ...]
-    separator: str
-    rows: Sequence[Sequence[str]]
-    places: tuple[int, ...]
+    headings: tuple[str, ...]  # headings of the columns, with the units of a row of units
+    separator: str  # what separates cells
+    rows: Sequence[Sequence[str]]  # cells of each line below the headings
+    places: tuple[int, ...]  # number of the line of each of `rows`, as shown by an editor
 
     @property
     def decimal_comma(self) -> bool:
@@ -260,11 +253,7 @@ def _split(lines: Sequence[str], separator: str) -> list[list[str]]:
 
 
 def pyarrow() -> ModuleType:
-    """Return pyarrow, with its module `parquet`.
-
-    Raises:
-        MissingExtraError: If pyarrow is not installed.
-    """
+    """Return pyarrow, with its module `parquet`. Raises MissingExtraError if pyarrow is not installed."""
     try:
         import pyarrow
         import pyarrow.parquet
@@ -317,29 +306,21 @@ _ONE_SIGN = "use decimal points in all columns, or decimal commas in all of them
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sheet:
-    """A table with its headings and the places of its rows.
+    """A table with its headings and the places of its rows."""
 
-    Args:
-        headings: Heading of each column.
-        frame: pandas DataFrame whose columns are numbered from 0.
-        lines: Line of each row as an editor shows it, shape (K,); None if it comes from no text.
-        uneven: What is wrong with rows of too many cells; "" if nothing is.
-        signs: Line of the first number with a decimal comma, and with a point, by column.
-        bad: What was written instead of a good value, by column and row; such cells are NaN.
-        aside: Why a column is nothing that was measured, such as "row numbers", by column.
-        said: What else was made of the table, in words.
-        own_times: Whether each column has times of its own, so that empty cells are not missing.
-    """
-
-    headings: tuple[str, ...]
-    frame: Any
+    headings: tuple[str, ...]  # heading of each column
+    frame: Any  # pandas DataFrame whose columns are numbered from 0
+    # Line of each row as an editor shows it, shape (K,); None if it comes from no text
     lines: Int[np.ndarray, " K"] | None = None
-    uneven: str = ""
+    uneven: str = ""  # what is wrong with rows of too many cells; "" if nothing is
+    # Line of the first number with a decimal comma, and with a point, by column
     signs: Mapping[int, Mapping[str, int]] = field(default_factory=dict)
+    # What was written instead of a good value, by column and row; such cells are NaN
     bad: Mapping[int, Mapping[int, str]] = field(default_factory=dict)
+    # Why a column is nothing that was measured, such as "row numbers", by column
     aside: Mapping[int, str] = field(default_factory=dict)
-    said: tuple[str, ...] = ()
-    own_times: bool = False
+    said: tuple[str, ...] = ()  # what else was made of the table, in words
+    own_times: bool = False  # whether each column has times of its own, so that empty cells are not missing
 
     def take(self, rows: Int[np.ndarray, " M"]) -> "Sheet":
         """Return the sheet of these rows, in this order."""

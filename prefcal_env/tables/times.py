@@ -137,21 +137,13 @@ def time_unit_of(sheet: Sheet, column: int, given: str | None, said: str | None 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Instants:
-    """The time of each row of a table.
+    """The time of each row of a table."""
 
-    Args:
-        t: Times in `unit`, shape (K,).
-        unit: Their unit.
-        read: Unit in which numbers without one in brackets were read; "" if nothing is to be said.
-        said: What else was made of a clock, in words.
-        stamped: Whether they are instants of a calendar, of which only differences tell something.
-    """
-
-    t: Float[np.ndarray, " K"]
-    unit: str
-    read: str = ""
-    said: tuple[str, ...] = ()
-    stamped: bool = False
+    t: Float[np.ndarray, " K"]  # times in `unit`, shape (K,)
+    unit: str  # their unit
+    read: str = ""  # unit in which numbers without one in brackets were read; "" if nothing is to be said
+    said: tuple[str, ...] = ()  # what else was made of a clock, in words
+    stamped: bool = False  # whether they are instants of a calendar, of which only differences tell something
 
 
 def instants(
@@ -301,17 +293,11 @@ _HOUR, _HALF_DAY, _DAY = 3600.0, 43200.0, 86400.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Clock:
-    """What a clock showed, in seconds, without its jumps.
+    """What a clock showed, in seconds, without its jumps."""
 
-    Args:
-        s: Seconds, shape (K,), since a midnight, or since a stopwatch was started.
-        day: Day of that midnight, in days since 1970; None if the clock shows no date.
-        said: Which jumps were read on, in words.
-    """
-
-    s: Float[np.ndarray, " K"]
-    day: int | None = None
-    said: tuple[str, ...] = ()
+    s: Float[np.ndarray, " K"]  # seconds, shape (K,), since a midnight, or since a stopwatch was started
+    day: int | None = None  # day of that midnight, in days since 1970; None if the clock shows no date
+    said: tuple[str, ...] = ()  # which jumps were read on, in words
 
 
 def clock_of(sheet: Sheet, column: int, time_format: str | None) -> Clock | None:

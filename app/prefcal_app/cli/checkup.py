@@ -79,15 +79,10 @@ class Finding:
 
 @dataclass(slots=True)
 class Checkup:
-    """Checks of one scenario, in order; later checks reuse the trial run.
+    """Checks of one scenario, in order; later checks reuse the trial run."""
 
-    Args:
-        scenario: Scenario to check.
-        theta: θ of the trial run, physical, shape (n,).
-    """
-
-    scenario: Scenario
-    theta: Float[np.ndarray, " n"]
+    scenario: Scenario  # scenario to check
+    theta: Float[np.ndarray, " n"]  # θ of the trial run, physical, shape (n,)
     experiment: Experiment | None = None
     findings: list[Finding] = field(default_factory=list)
 

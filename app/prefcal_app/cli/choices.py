@@ -71,9 +71,7 @@ if TYPE_CHECKING:
 def with_cost(scenario: Scenario, source: str | None) -> Scenario:
     """Return `scenario` with another cost, lower is better.
 
-    Args:
-        scenario: Scenario whose cost is replaced.
-        source: PATH:NAME of a function, or the name of a KPI; None leaves the scenario unchanged.
+    `source` is PATH:NAME of a function, or the name of a KPI; None leaves the scenario unchanged.
     """
     if source is None:
         return scenario if scenario.cost is None else replace(scenario, cost=KnownCost(scenario.cost))
@@ -507,12 +505,7 @@ def kept_if_worth_it(
 ) -> Iterator[None]:
     """Close a study at the end; remove it if it was started here and is not worth keeping.
 
-    Args:
-        file: Study to close.
-        options: Its options, with its name.
-        scenario: Scenario of the study.
-        messages: Where to print what becomes of the study, unless an error is printed anyway.
-        resumed: Whether the study existed before.
+    `resumed` is whether it existed before. What becomes of it is printed unless an error is anyway.
     """
     keep, refused, name = True, False, options.study
     try:

@@ -180,7 +180,10 @@ def verify(options: VerifyOptions) -> int:
         where = drawn if drawn.is_file() else "could not be run again to draw it"
         say(console, f"Worst run {k + 1}, beside the nominal one: {where}")
     if sys.stdin.isatty():
-        _ask(said, best.parent, console)
+        for k, each in enumerate(said.worst):
+            told = ask_line(console, f"Worst run {k + 1} ({each.words}): acceptable? (y/n)").lower()
+            if told in _VERDICTS:
+                judge(best.parent, k, acceptable=_VERDICTS[told])
     say(console, f"Kept in {best.parent / FILE}.")
     return 0
 
@@ -195,14 +198,6 @@ def _range(text: str) -> tuple[str, float | list[float]]:
     if not name or len(ends) not in (1, 2):
         raise SettingsError(f'--range must look like parameter=0.2 or "dead time=0:0.5", got {text!r}')
     return name, ends[0] if len(ends) == 1 else ends
-
-
-def _ask(said: Verified, folder: Path, console: Console) -> None:
-    """Ask a person about the worst runs, and keep each verdict."""
-    for k, each in enumerate(said.worst):
-        told = ask_line(console, f"Worst run {k + 1} ({each.words}): acceptable? (y/n)").lower()
-        if told in _VERDICTS:
-            judge(folder, k, acceptable=_VERDICTS[told])
 
 
 def show(said: Verified, console: Console) -> None:

@@ -20,39 +20,24 @@ from typer.models import ArgumentInfo, OptionInfo
 
 @dataclass(frozen=True, slots=True)
 class Kept:
-    """Annotation of a field whose value the study file keeps; by default it cannot change later.
+    """Annotation of a field whose value the study file keeps; by default it cannot change later."""
 
-    Args:
-        label: Name in the report's list of settings; empty to leave it out.
-        always: Whether the report and the command that repeats the study include the field
-            even if it has its default.
-        anew: Whether the value can change when a study is resumed.
-        agents: Agents that accept a value other than the default; empty for all.
-    """
-
-    label: str = ""
+    label: str = ""  # name in the report's list of settings; empty to leave it out
+    # Whether the report and the command that repeats the study include the field even if it has its default
     always: bool = False
-    anew: bool = False
-    agents: tuple[str, ...] = ()
+    anew: bool = False  # whether the value can change when a study is resumed
+    agents: tuple[str, ...] = ()  # agents that accept a value other than the default; empty for all
 
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A field of a dataclass as a parameter of a command.
+    """A field of a dataclass as a parameter of a command."""
 
-    Args:
-        name: Name of the field.
-        type: Type of the value.
-        default: Default value; MISSING if the parameter is required.
-        info: What typer is told: flag, help, placeholder, limits.
-        kept: Rules if the study file keeps the value; None if it applies to a single run.
-    """
-
-    name: str
-    type: Any
-    default: Any
-    info: OptionInfo | ArgumentInfo
-    kept: Kept | None
+    name: str  # name of the field
+    type: Any  # type of the value
+    default: Any  # default value; MISSING if the parameter is required
+    info: OptionInfo | ArgumentInfo  # what typer is told: flag, help, placeholder, limits
+    kept: Kept | None  # rules if the study file keeps the value; None if it applies to a single run
 
     @property
     def flag(self) -> str:

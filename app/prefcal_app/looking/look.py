@@ -131,21 +131,13 @@ def run_of(name: str, experiment: Experiment, about: str = "") -> NamedRun:
 
 @dataclass(frozen=True, slots=True)
 class SideBySide:
-    """Two runs beside each other, with the same curves.
-
-    Args:
-        left: Left run.
-        right: Right run.
-        panels: Panels from top to bottom; a run that lacks a curve has no values there.
-        known: KPIs that either run has.
-        notes: What was changed to make them comparable, in sentences.
-    """
+    """Two runs beside each other, with the same curves."""
 
     left: NamedRun
     right: NamedRun
-    panels: tuple[Plot, ...]
-    known: tuple[KPI, ...]
-    notes: tuple[str, ...] = ()
+    panels: tuple[Plot, ...]  # panels from top to bottom; a run that lacks a curve has no values there
+    known: tuple[KPI, ...]  # KPIs that either run has
+    notes: tuple[str, ...] = ()  # what was changed to make them comparable, in sentences
 
     @classmethod
     def of(cls, left: NamedRun, right: NamedRun, *, align: bool | None = None) -> "SideBySide":
@@ -182,11 +174,7 @@ class SideBySide:
         return target
 
     def show(self, wait: Callable[[], object] = input) -> None:
-        """Open the page of both runs in a browser, until Enter is pressed.
-
-        Args:
-            wait: Function that returns when the page is no longer needed.
-        """
+        """Open the page of both runs in a browser, until Enter is pressed: until `wait` returns."""
         from prefcal_app.web import open_browser
 
         with LookWindow((self.left, self.right)) as window:

@@ -125,11 +125,7 @@ def aligned(left: NamedRun, right: NamedRun, *, align: bool | None = None) -> Al
 
     The right run's times, curves and KPIs are converted to the units of the left one. Curves share a
     panel if name and unit are equal; a curve that only one run has gets a panel, too.
-
-    Args:
-        left: Left run.
-        right: Right run.
-        align: Whether both start at 0; None to do so only if their times do not overlap.
+    With `align` both start at 0; None to do so only if their times do not overlap.
     """
     right, notes = _in_units_of(left, right)
     left, right = _with_maneuvers_of(left, right), _with_maneuvers_of(right, left)

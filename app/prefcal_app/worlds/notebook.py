@@ -218,10 +218,7 @@ class Asking:
         return told and now.phase is Phase.OVER and now.state is self._reported
 
     def wait(self, timeout: float | None = None) -> bool:
-        """Wait until the study is over or closed; return whether it is over.
-
-        Args:
-            timeout: Longest wait in seconds; None for any.
+        """Wait until the study is over or closed, `timeout` seconds at most; return whether it is over.
 
         Raises:
             Exception: What a run or the report has raised.

@@ -44,19 +44,12 @@ class Duel:
 
 @dataclass(frozen=True, slots=True)
 class Round:
-    """Results of all agents with one seed, compared pairwise and with the paper's optimum.
+    """Results of all agents with one seed, compared pairwise and with the paper's optimum."""
 
-    Args:
-        problem: Name of a problem without a cost.
-        calibrator: Name of the calibrator that answered.
-        seed: Seed of the studies.
-        thetas: Physical θ that each agent returned.
-    """
-
-    problem: str
-    calibrator: str
-    seed: int
-    thetas: tuple[tuple[str, Theta], ...]
+    problem: str  # name of a problem without a cost
+    calibrator: str  # name of the calibrator that answered
+    seed: int  # seed of the studies
+    thetas: tuple[tuple[str, Theta], ...]  # physical θ that each agent returned
 
     @property
     def key(self) -> str:

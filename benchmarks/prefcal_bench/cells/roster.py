@@ -14,7 +14,6 @@ from typing import Any
 
 from prefcal_agents import GLISp, GLISpSettings
 from prefcal_agents.registry import AGENTS as REGISTRY
-from prefcal_agents.registry import AgentRow
 from prefcal_agents.screening.bank import Simulate
 from prefcal_bench.peers import BANDITS, PEERS
 from prefcal_env.errors import MissingExtraError, ScenarioError, SettingsError
@@ -25,40 +24,26 @@ from prefcal_scenarios.own import module_at
 
 @dataclass(frozen=True)
 class Entry:
-    """Agent known by name; nothing is imported until it is made.
+    """Agent known by name; nothing is imported until it is made."""
 
-    Args:
-        name: Name in tables and on the command line.
-        load: Function that returns the agent's class, or another function of space, `n_init`,
-            `n_max` and `seed`, and of `simulate` if the agent simulates.
-        by_value: Whether it learns from the value of each experiment, otherwise from preferences.
-        packages: Modules that must be installed, to their distributions.
-        extra: Extra that installs them: `pip install prefcal-bench[extra]`.
-        learns: Whether the agent uses answers for more than keeping the winner.
-        simulates: Whether the agent needs `simulate`, a function of θ that returns KPIs.
-        content: Hash of a user's own file, which is its version.
-    """
-
-    name: str
+    name: str  # name in tables and on the command line
+    # Function that returns the agent's class, or another function of space, `n_init`, `n_max` and `seed`, and
+    # of `simulate` if the agent simulates
     load: Callable[[], Callable[..., Any]]
-    by_value: bool = False
+    by_value: bool = False  # whether it learns from the value of each experiment, otherwise from preferences
+    # Modules that must be installed, to their distributions
     packages: Mapping[str, str] = field(default_factory=dict)
-    extra: str = ""
-    learns: bool = True
-    simulates: bool = False
-    content: str = ""
+    extra: str = ""  # extra that installs them: `pip install prefcal-bench[extra]`
+    learns: bool = True  # whether the agent uses answers for more than keeping the winner
+    simulates: bool = False  # whether the agent needs `simulate`, a function of θ that returns KPIs
+    content: str = ""  # hash of a user's own file, which is its version
 
     def make(
         self, space: KnobSpace, n_init: int, n_max: int, seed: int, simulate: Simulate | None = None
     ) -> Any:
-        """Return the agent, which has `ask`, `tell`, `done` and `best`.
+        """Return the agent, which has `ask`, `tell`, `done` and `best`; arguments are those of `Agent`.
 
-        Args:
-            space: Knobs to tune.
-            n_init: Number of experiments before the agent learns.
-            n_max: Number of experiments.
-            seed: Seed of the agent.
-            simulate: Function of a physical θ that returns KPIs, for an agent that simulates.
+        With `simulate`, a function of a physical θ that returns KPIs, an agent that simulates does so.
 
         Raises:
             MissingExtraError: If a package is not installed.
@@ -149,11 +134,6 @@ def package_version(name: str) -> str:
         return "not installed"
 
 
-def _row_entry(row: AgentRow) -> Entry:
-    name = row.label or row.name
-    return Entry(name, row.load, row.by_value, row.packages, row.extra, row.learns, row.simulates)
-
-
 def _load_glisp(**settings: Any) -> Callable[..., Any]:
     """Return what makes GLISp with some settings changed."""
     return partial(GLISp, settings=GLISpSettings(**settings))
@@ -171,7 +151,9 @@ def _make_roster() -> Mapping[str, Entry]:
     """Return all agents; GLISp comes first, since others are compared with the first agent."""
     place = [row.name for row in REGISTRY].index("GLIS") + 1  # all that see values stand together
     rows = (*REGISTRY[:place], *BANDITS, *REGISTRY[place:], *PEERS)
-    entries = [_row_entry(row) for row in rows]
+    entries = [
+        Entry(r.label or r.name, r.load, r.by_value, r.packages, r.extra, r.learns, r.simulates) for r in rows
+    ]
     first = [one for one in entries if one.name.startswith("GLISp")]
     rest = [one for one in entries if one not in first]
     return MappingProxyType({one.name: one for one in (*first, *VARIANTS, *rest)})

@@ -23,10 +23,8 @@ from .roster import entry
 from .simulation import Simulation
 
 Clock = Callable[[], float]
-_LAST = 5
-"""Number of proposals at the end of a study that are timed."""
-_ALONE = threading.Lock()
-"""Lock for one cell at a time: third-party agents use numpy's global generator."""
+_LAST = 5  # number of proposals at the end of a study that are timed
+_ALONE = threading.Lock()  # lock for one cell at a time: third-party agents use numpy's global generator
 
 
 def run_cell(cell: Cell, clock: Clock | None = None, key: str = "") -> Result:

@@ -9,8 +9,7 @@ from prefcal_env.knobs import theta_key
 from prefcal_env.preferences.answer import Outcome
 from prefcal_scenarios.runs import INTERRUPTED, reading, screened
 
-_MOST = 10_000
-"""Number of θ whose KPIs are kept: 10 MB with 7 KPIs, 30 MB with 24."""
+_MOST = 10_000  # number of θ whose KPIs are kept: 10 MB with 7 KPIs, 30 MB with 24
 _KNOWN: dict[tuple[str, str], dict[bytes, Outcome]] = {}
 """KPIs by θ of the problem simulated last in this process: people with other tastes share them."""
 
@@ -41,11 +40,7 @@ class Simulation:
         return len(self._asked)
 
     def __call__(self, theta: Float[np.ndarray, " n"]) -> Outcome:
-        """Return the KPIs of θ.
-
-        Raises:
-            KnobError: If θ does not fit the space.
-        """
+        """Return the KPIs of θ. Raises KnobError if θ does not fit the space."""
         key = theta_key(theta)
         self._asked.add(key)
         known = _known(self._where)

@@ -16,8 +16,7 @@ from rich.text import Text
 
 from prefcal_scenarios.wording import printable
 
-_PERIOD = 900.0
-"""Seconds of history for the estimate of the remaining time; a slow cell takes half a minute."""
+_PERIOD = 900.0  # seconds of history for the estimate of the remaining time; a slow cell takes half a minute
 
 
 class BenchDisplay:

@@ -28,8 +28,7 @@ from .display import BenchDisplay
 from .options import BenchOptions, CompareOptions
 
 Options = BenchOptions | CompareOptions
-_WIDTH = 110
-"""Width of the output in characters if it goes to a file or a pipe: enough for agents' names."""
+_WIDTH = 110  # width of the output in characters if it goes to a file or a pipe: enough for agents' names
 
 
 def run(options: BenchOptions) -> int:

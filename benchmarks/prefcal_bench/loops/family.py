@@ -16,18 +16,13 @@ from prefcal_scenarios.cases.loops.family import Vary, judged, nominal
 from prefcal_scenarios.cases.loops.loop import Loop
 from prefcal_scenarios.scenario import Scenario
 
-_FACTOR = 1.5
-"""Random parameters lie between the nominal value divided and multiplied by this."""
+_FACTOR = 1.5  # random parameters lie between the nominal value divided and multiplied by this
 _SAMPLE, _SLOW_SAMPLE = 128, 20
 """Number of random θ that show whether a loop is worth tuning; with an MPC, a run takes 20 ms."""
-_TRIES = 10
-"""How often the parameters of a random loop are drawn at most."""
-_SETTLED = 0.05
-"""Smallest share of the runs that settle before the disturbance."""
-_UNSAFE = 0.8
-"""Largest share of the runs that are interrupted."""
-_SAME = 0.95
-"""Largest share of the safe runs that may agree in a KPI."""
+_TRIES = 10  # how often the parameters of a random loop are drawn at most
+_SETTLED = 0.05  # smallest share of the runs that settle before the disturbance
+_UNSAFE = 0.8  # largest share of the runs that are interrupted
+_SAME = 0.95  # largest share of the safe runs that may agree in a KPI
 
 
 def loop(seed: int) -> Scenario:

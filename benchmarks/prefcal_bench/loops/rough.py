@@ -17,26 +17,19 @@ from prefcal_scenarios.scenario import Scenario
 
 from .family import checked_seed, is_worth_tuning, random, varied
 
-_TRIES = 30
-"""How often a rough loop is drawn at most."""
-_FAIL = (0.05, 0.4)
-"""Share of random θ that fail."""
-_WANTED = (0.09, 0.34)
-"""The same where it can be chosen, so that it is kept with other random θ."""
-_CALM = (0.5, 0.7)
-"""Share of the safe θ that never cause an alarm."""
+_TRIES = 30  # how often a rough loop is drawn at most
+_FAIL = (0.05, 0.4)  # share of random θ that fail
+_WANTED = (0.09, 0.34)  # the same where it can be chosen, so that it is kept with other random θ
+_CALM = (0.5, 0.7)  # share of the safe θ that never cause an alarm
 _SAMPLE = 128
 _PREDICTIVE = "mpc-"
-_OFTEN = 0.6
-"""Chance of each kind of roughness."""
-_STAGED = 0.4
-"""Chance that the input of a single PID has stages."""
+_OFTEN = 0.6  # chance of each kind of roughness
+_STAGED = 0.4  # chance that the input of a single PID has stages
 _STICTION, _BACKLASH, _STEPS = (0.02, 0.25), (0.02, 0.2), (0.05, 0.4)
 """Ranges of stiction, half the backlash and resolution, as shares of the usual move of an input."""
 _RESOLUTION = (0.003, 0.03)
 """Range of the resolution of the sensors, as a share of the usual change of what they measure."""
-_BACK = (0.4, 0.8)
-"""Share of the first step that the second one goes back."""
+_BACK = (0.4, 0.8)  # share of the first step that the second one goes back
 
 
 def rough_loop(seed: int) -> Scenario:

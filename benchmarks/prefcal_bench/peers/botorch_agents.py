@@ -18,8 +18,7 @@ from .utility import KPITable, Utility, maxima, strict_pairs
 T = TypeVar("T")
 _KPI_FIT: dict[str, Any] = {"options": {"maxiter": 50}}
 _SEARCH: dict[str, Any] = {"num_restarts": 2, "raw_samples": 64, "options": {"maxiter": 30}}
-_RIVALS = 8
-"""Number of runs, the best by expected utility, that a new one has to improve on."""
+_RIVALS = 8  # number of runs, the best by expected utility, that a new one has to improve on
 _KPI_DRAWS, _UTILITY_DRAWS = 32, 16
 
 
@@ -61,22 +60,14 @@ class EUBO(BoTorchAgent):
     The first `n_init` samples are a Latin hypercube. Then a Gaussian process of the utility of θ is
     fitted to all answers (`PairwiseGP`), and the next sample maximizes the expected utility of the
     best option, given the incumbent (EUBO). Ties and abstentions are ignored: the package knows
-    strict answers only.
+    strict answers only. The model sees the unit cube, and integers are snapped afterwards.
 
     Source: package `botorch`; Lin, Astudillo, Frazier, Bakshy 2022, with θ in the place of KPIs, as
     in Astudillo et al. 2023.
     Deviation: only the challenger is chosen, since every experiment is compared with the best so
     far; while there is no strict answer, or if a fit fails, the next sample is random.
 
-    Args:
-        space: Knobs to tune; the model sees the unit cube, and integers are snapped afterwards.
-        n_init: Number of samples of the start, 1 or more.
-        n_max: Number of experiments, which take n_max - 1 comparisons.
-        seed: Seed of all randomness, 0 or more.
-
-    Raises:
-        SettingsError: If a value is not valid.
-        MissingExtraError: If the extra `peers` is not installed.
+    Arguments and errors are those of `Agent`. Without the extra `peers`, MissingExtraError is raised.
     """
 
     version: ClassVar[int] = 1
@@ -105,7 +96,9 @@ class BOPE(BoTorchAgent):
     maximizes the expected improvement under the uncertainty of both (qNEIUU). Before it is
     proposed, one follow-up question explores the preferences: of the experiments that ran, it
     compares the two whose better one has the highest expected utility (EUBO). Ties and abstentions
-    are ignored. Without KPIs it is `EUBO` on θ and asks no follow-up questions.
+    are ignored. Without KPIs it is `EUBO` on θ and asks no follow-up questions. `n_max` experiments
+    take up to 2 n_max - n_init - 1 comparisons. The models see the unit cube, and integers are
+    snapped afterwards.
 
     Source: package `botorch`; Lin, Astudillo, Frazier, Bakshy 2022.
     Deviation: exploration compares experiments that ran, not predicted KPIs, since a person
@@ -116,15 +109,7 @@ class BOPE(BoTorchAgent):
     replaces one that ran; while there is no strict answer, or if a fit
     fails, the next sample is random.
 
-    Args:
-        space: Knobs to tune; the models see the unit cube, and integers are snapped afterwards.
-        n_init: Number of samples of the start, 1 or more.
-        n_max: Number of experiments, which take up to 2 n_max - n_init - 1 comparisons.
-        seed: Seed of all randomness, 0 or more.
-
-    Raises:
-        SettingsError: If a value is not valid.
-        MissingExtraError: If the extra `peers` is not installed.
+    Arguments and errors are those of `Agent`. Without the extra `peers`, MissingExtraError is raised.
     """
 
     version: ClassVar[int] = 1

@@ -18,8 +18,7 @@ from prefcal_env.preferences.history import History
 from .peer import Peer, alone, torch_seeded
 
 _GP = "optuna_dashboard.preferential.samplers.gp"
-_LARGEST = 1e100
-"""Scores beyond this size count as this, since their squares overflow."""
+_LARGEST = 1e100  # scores beyond this size count as this, since their squares overflow
 
 
 @final
@@ -116,21 +115,14 @@ class OptunaPreferential(_OptunaAgent):
     The first `n_init` samples are a Latin hypercube. Then an Optuna study gets every answer, and
     its sampler proposes the next sample. It ignores ties and abstentions. The sampler starts each
     fit where the last one ended, so it is kept while answers are added, and replays all of them
-    after an undo, a retraction or a restart.
+    after an undo, a retraction or a restart. The sampler sees the unit cube, and integers are
+    snapped afterwards.
 
     Source: package `optuna-dashboard`, after Takeno et al. 2023.
     Deviation: a fit that diverges, which stops the library's sampler, starts from scratch; if it
     diverges again, the next sample is random.
 
-    Args:
-        space: Knobs to tune; the sampler sees the unit cube, and integers are snapped afterwards.
-        n_init: Number of samples of the start, 1 or more.
-        n_max: Number of experiments, which take n_max - 1 comparisons.
-        seed: Seed of all randomness, 0 or more.
-
-    Raises:
-        SettingsError: If a value is not valid.
-        MissingExtraError: If the extra `peers` is not installed.
+    Arguments and errors are those of `Agent`. Without the extra `peers`, MissingExtraError is raised.
     """
 
     version: ClassVar[int] = 1
@@ -213,15 +205,7 @@ class OptunaTPE(_OptunaByValue):
     Deviation: the start is a Latin hypercube of `n_init` samples, not 10 random ones; it searches
     the unit cube, and integers are snapped afterwards; scores beyond ±1e100 count as ±1e100.
 
-    Args:
-        space: Knobs to tune.
-        n_init: Number of samples of the start, 1 or more.
-        n_max: Number of experiments.
-        seed: Seed of all randomness, 0 or more.
-
-    Raises:
-        SettingsError: If a value is not valid.
-        MissingExtraError: If the extra `peers` is not installed.
+    Arguments and errors are those of `Agent`. Without the extra `peers`, MissingExtraError is raised.
     """
 
     version: ClassVar[int] = 1
@@ -236,15 +220,7 @@ class OptunaGP(_OptunaByValue):
     Deviation: as `OptunaTPE`. A fit that diverges starts from scratch; if it diverges again, the
     next sample is random.
 
-    Args:
-        space: Knobs to tune.
-        n_init: Number of samples of the start, 1 or more.
-        n_max: Number of experiments.
-        seed: Seed of all randomness, 0 or more.
-
-    Raises:
-        SettingsError: If a value is not valid.
-        MissingExtraError: If the extra `peers` is not installed.
+    Arguments and errors are those of `Agent`. Without the extra `peers`, MissingExtraError is raised.
     """
 
     version: ClassVar[int] = 1

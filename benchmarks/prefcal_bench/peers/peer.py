@@ -46,12 +46,7 @@ class Peer(Agent):
         return np.asarray(latin_hypercube(self.space, self.setup.n_init, self.setup.seed)[index])
 
     def _proposal(self, history: History, tried: Tried) -> Float[np.ndarray, " n"] | None:
-        """Return what the package proposes, about in the unit cube, shape (n,); None for nothing.
-
-        Args:
-            history: Record of the study.
-            tried: What ran already.
-        """
+        """Return what the package proposes, about in the unit cube, shape (n,); None for nothing."""
         raise NotImplementedError
 
 

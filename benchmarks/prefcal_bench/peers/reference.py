@@ -26,15 +26,7 @@ class ReferenceGLIS(Peer):
     integers are snapped afterwards; scores are divided by a power of 2, which changes no proposal
     and avoids overflow.
 
-    Args:
-        space: Knobs to tune.
-        n_init: Number of samples of the package's Latin hypercube, 1 or more.
-        n_max: Number of experiments.
-        seed: Seed of all randomness, 0 or more.
-
-    Raises:
-        SettingsError: If a value is not valid.
-        MissingExtraError: If the extra `peers` is not installed.
+    Arguments and errors are those of `Agent`. Without the extra `peers`, MissingExtraError is raised.
     """
 
     by_value = True
@@ -64,21 +56,13 @@ class ReferenceGLISp(Peer):
 
     The package owns its state. Here its solver is set up again for each proposal from the stored
     samples and the valid answers, so nothing else has to be stored. It ignores abstentions, which
-    it does not support.
+    it does not support. Its Latin hypercube has at least 2 samples.
 
     Source: package `glis` 2.0.2 by Bemporad and Zhu.
     Deviation: its random generator is seeded for each proposal; it searches the unit cube, and
     integers are snapped afterwards.
 
-    Args:
-        space: Knobs to tune.
-        n_init: Number of samples of the package's Latin hypercube, 1 or more (it uses at least 2).
-        n_max: Number of experiments, which take n_max - 1 comparisons.
-        seed: Seed of all randomness, 0 or more.
-
-    Raises:
-        SettingsError: If a value is not valid.
-        MissingExtraError: If the extra `peers` is not installed.
+    Arguments and errors are those of `Agent`. Without the extra `peers`, MissingExtraError is raised.
     """
 
     version: ClassVar[int] = 1

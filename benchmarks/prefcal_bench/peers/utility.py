@@ -15,8 +15,7 @@ from prefcal_env.preferences.history import History
 _FIT = {"options": {"ftol": 1e-4}}
 """Options of L-BFGS-B: a smaller tolerance takes twice as long for the same model."""
 _SEARCH = {"num_restarts": 8, "raw_samples": 128, "options": {"maxiter": 100}}
-_NEVER = 1.1
-"""Share of an infinite value: a bit worse than the worst finite one."""
+_NEVER = 1.1  # share of an infinite value: a bit worse than the worst finite one
 _FEWEST = 3  # minimum number of experiments with KPIs
 
 
@@ -34,14 +33,10 @@ class Utility:
 
     It has a probit likelihood and Laplace's approximation. Kernel, priors and fit are the package's
     own.
-
-    Args:
-        model: The fitted `PairwiseGP`.
-        points: Points that were compared, about in the unit cube, shape (K, d).
     """
 
-    model: Any
-    points: Float[np.ndarray, "K d"]
+    model: Any  # the fitted `PairwiseGP`
+    points: Float[np.ndarray, "K d"]  # points that were compared, about in the unit cube, shape (K, d)
 
     @classmethod
     def of(cls, points: Float[np.ndarray, "K d"], pairs: Int[np.ndarray, "M 2"]) -> "Utility":
@@ -114,15 +109,11 @@ def maxima(acquisition: Any, n: int, search: dict[str, Any]) -> Float[np.ndarray
 
 @dataclass(frozen=True, slots=True)
 class KPITable:
-    """The p KPIs of the K experiments that have some.
+    """The p KPIs of the K experiments that have some."""
 
-    Args:
-        rows: Indices of the samples, increasing, shape (K,).
-        shares: KPIs, lower is better: 0 for the best value and 1 for the worst, which is capped as
-            `normalized` says; 1.1 for an infinite one, shape (K, p).
-    """
-
-    rows: Int[np.ndarray, " K"]
+    rows: Int[np.ndarray, " K"]  # indices of the samples, increasing, shape (K,)
+    # KPIs, lower is better: 0 for the best value and 1 for the worst, which is capped as `normalized` says;
+    # 1.1 for an infinite one, shape (K, p)
     shares: Float[np.ndarray, "K p"]
 
     @classmethod

@@ -13,30 +13,21 @@ from .trade_off import Standards, Term, TradeOff
 
 Draw = Callable[[Runs, np.random.Generator], Rule]
 
-_FIRST = (0.15, 0.5)
-"""Share of random pairs that the first priority is meant to decide."""
+_FIRST = (0.15, 0.5)  # share of random pairs that the first priority is meant to decide
 _LATER = (0.7, 0.95)
 _ACCEPTED = (0.08, 0.55)
 """Share of random pairs that the first priority does decide; KPIs beyond that come later."""
 _LARGE = 1e9
-_FINAL = 0.05
-"""Share of the runs that meet the final standards in one KPI."""
-_LEADERS = 0.1
-"""Share of the runs, the best by some trade-off, one of which sets the limits."""
-_BEST, _FEW = 0.025, 8
-"""Share and least number of usual runs, the best ones, some pairs of which look alike."""
-_WANTED = (0.12, 0.22)
-"""Share of these pairs that are meant to be ties."""
-_FINER = 0.8
-"""Part of that in an order, where ties become more frequent the better the runs are."""
+_FINAL = 0.05  # share of the runs that meet the final standards in one KPI
+_LEADERS = 0.1  # share of the runs, the best by some trade-off, one of which sets the limits
+_BEST, _FEW = 0.025, 8  # share and least number of usual runs, the best ones, some pairs of which look alike
+_WANTED = (0.12, 0.22)  # share of these pairs that are meant to be ties
+_FINER = 0.8  # part of that in an order, where ties become more frequent the better the runs are
 _FINEST, _COARSEST, _HALVINGS = 1e-4, 1e2, 16
-_NOTICED = (0.03, 0.5)
-"""Just noticeable differences before they are fitted, as shares of the spread of a KPI."""
-_LIMIT = (0.05, 0.5)
-"""Share of usual runs that keep a limit."""
+_NOTICED = (0.03, 0.5)  # just noticeable differences before they are fitted, as shares of the spread of a KPI
+_LIMIT = (0.05, 0.5)  # share of usual runs that keep a limit
 _MARKS = 65
-_SAME = 0.8
-"""Share of usual runs that may have one value in a look; there is nothing to see in others."""
+_SAME = 0.8  # share of usual runs that may have one value in a look; there is nothing to see in others
 
 
 # What is usual.

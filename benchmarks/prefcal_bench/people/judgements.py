@@ -16,20 +16,13 @@ _FAR_OFF, _FAR_WORSE = 10.0, 100.0
 
 @dataclass(frozen=True, slots=True)
 class Noticed:
-    """A KPI, or something seen in the curves, with the largest difference that is not noticed.
+    """A KPI, or something seen in the curves, with the largest difference that is not noticed."""
 
-    Args:
-        name: Name of the KPI or of the look.
-        noticed: Just noticeable difference: in its unit, or if `relative`, as a share of the larger
-            value.
-        at_most: Limit below which all values are equally good, in its unit.
-        relative: Whether the difference is relative.
-    """
-
-    name: str
+    name: str  # name of the KPI or of the look
+    # Just noticeable difference: in its unit, or if `relative`, as a share of the larger value
     noticed: float
-    at_most: float = -np.inf
-    relative: bool = False
+    at_most: float = -np.inf  # limit below which all values are equally good, in its unit
+    relative: bool = False  # whether the difference is relative
 
     def verdict(self, a: Runs, b: Runs) -> Int[np.ndarray, " K"]:
         """Return -1 where `a` is noticeably lower above the limit, 0 for a tie, 1 where `b` is."""
@@ -77,17 +70,11 @@ class Part(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Total:
-    """A `Judgement`: the smaller total is better.
+    """A `Judgement`: the smaller total is better."""
 
-    Args:
-        parts: What counts.
-        noticed: Just noticeable difference of the total.
-        power: Exponent of the total: 1 adds up, 2 is as the crow flies, and with infinity the
-            largest part decides.
-    """
-
-    parts: Sequence[Part]
-    noticed: float
+    parts: Sequence[Part]  # what counts
+    noticed: float  # just noticeable difference of the total
+    # Exponent of the total: 1 adds up, 2 is as the crow flies, and with infinity the largest part decides
     power: float = 1.0
 
     def total(self, runs: Runs) -> Float[np.ndarray, " K"]:
@@ -102,17 +89,11 @@ class Total:
 
 @dataclass(frozen=True, slots=True)
 class Wish:
-    """The distance of one KPI, or of one look, from that of the ideal run.
+    """The distance of one KPI, or of one look, from that of the ideal run."""
 
-    Args:
-        name: Name of the KPI or of the look.
-        value: Value that one would like; lower ones are as good, in its unit.
-        scale: Unit of its distance, above 0, in its unit.
-    """
-
-    name: str
-    value: float
-    scale: float
+    name: str  # name of the KPI or of the look
+    value: float  # value that one would like; lower ones are as good, in its unit
+    scale: float  # unit of its distance, above 0, in its unit
 
     def cost(self, runs: Runs) -> Float[np.ndarray, " K"]:
         """Return the distance in scales, from 0 to 10, shape (K,)."""
@@ -121,17 +102,11 @@ class Wish:
 
 @dataclass(frozen=True, slots=True)
 class Rank:
-    """The rank of one KPI among usual runs.
+    """The rank of one KPI among usual runs."""
 
-    Args:
-        name: Name of the KPI.
-        marks: Values that usual runs have, rising, in its unit.
-        shares: Share of usual runs that are better than each of `marks`, from 0 to 1, rising.
-    """
-
-    name: str
-    marks: tuple[float, ...]
-    shares: tuple[float, ...]
+    name: str  # name of the KPI
+    marks: tuple[float, ...]  # values that usual runs have, rising, in its unit
+    shares: tuple[float, ...]  # share of usual runs that are better than each of `marks`, from 0 to 1, rising
 
     def cost(self, runs: Runs) -> Float[np.ndarray, " K"]:
         """Return the share of usual runs that are better, shape (K,), 1 beyond the last mark."""
@@ -142,21 +117,13 @@ class Rank:
 
 @dataclass(frozen=True, slots=True)
 class Loss:
-    """One KPI of a trade-off with diminishing returns.
+    """One KPI of a trade-off with diminishing returns."""
 
-    Args:
-        name: Name of the KPI.
-        weight: Weight, above 0.
-        good: Value that could not be better, in the KPI's unit.
-        scale: Distance from `good` from which on ratios count, above 0, in that unit.
-        power: Exponent, 1 or more: the larger, the less is gained near `good`.
-    """
-
-    name: str
-    weight: float
-    good: float
-    scale: float
-    power: float
+    name: str  # name of the KPI
+    weight: float  # weight, above 0
+    good: float  # value that could not be better, in the KPI's unit
+    scale: float  # distance from `good` from which on ratios count, above 0, in that unit
+    power: float  # exponent, 1 or more: the larger, the less is gained near `good`
 
     def cost(self, runs: Runs) -> Float[np.ndarray, " K"]:
         """Return weight · log(1 + (distance / scale)^power), shape (K,)."""

@@ -24,13 +24,10 @@ the far side of the target; how often the output swings through the target; how 
 the end; and how often the input turns, and its largest step.
 """
 _OF_THE_OUTPUT = 6
-_QUICK, _SLOW = 0.04, 0.12
-"""Time constants of the curves drawn by hand, as shares of the experiment."""
-_BAND, _SWING = 0.1, 0.03
-"""Half widths of the bands, as shares of the largest change that is wanted."""
+_QUICK, _SLOW = 0.04, 0.12  # time constants of the curves drawn by hand, as shares of the experiment
+_BAND, _SWING = 0.1, 0.03  # half widths of the bands, as shares of the largest change that is wanted
 _END = 0.15
-_TURN = 0.02
-"""Smallest move of the input that is seen as a turn, as a share of its range."""
+_TURN = 0.02  # smallest move of the input that is seen as a turn, as a share of its range
 
 
 def looks_of(experiment: Experiment) -> Float[np.ndarray, " f"]:

@@ -30,15 +30,11 @@ VERSION = 1
 _WITH_COST = ("weights", "limits", "narrow", "hidden")
 
 _TRIES = 40
-_BEST = 12
-"""Number of best runs that must not lie at the edge."""
-_EDGE = 0.3
-"""Distance of their mean from the middle of the unit cube beyond which they lie at the edge."""
+_BEST = 12  # number of best runs that must not lie at the edge
+_EDGE = 0.3  # distance of their mean from the middle of the unit cube beyond which they lie at the edge
 _EXPERIMENTS, _REPLAYS = 50, 100
-_ALIKE = 0.35
-"""Accepted share of ties among the pairs of the best runs of people with eyes."""
-_USUAL = (55.0, 100.0)
-"""Accepted worth of random search after 50 experiments, 90 where any two runs differ."""
+_ALIKE = 0.35  # accepted share of ties among the pairs of the best runs of people with eyes
+_USUAL = (55.0, 100.0)  # accepted worth of random search after 50 experiments, 90 where any two runs differ
 
 
 @dataclass(frozen=True)
@@ -68,14 +64,9 @@ class Taste:
 
 @dataclass(frozen=True)
 class RuleCalibrator:
-    """A `Calibrator` that compares two experiments by a rule.
+    """A `Calibrator` that compares two experiments by a rule."""
 
-    Args:
-        kpis: KPIs that the rule can use.
-        rule: Rule.
-    """
-
-    kpis: tuple[KPI, ...]
+    kpis: tuple[KPI, ...]  # KPIs that the rule can use
     rule: Rule
 
     def prefer(self, challenger: Experiment, incumbent: Experiment) -> Preference:

@@ -35,14 +35,11 @@ class Noticing:
     """A `Rule`: a run that survives longer is better; otherwise what is noticed decides.
 
     Differences that are not noticed can add up, so it is not transitive, and has no cost.
-
-    Args:
-        by: What the person notices.
-        ties_count: Whether what differs unnoticed is at least as good, see `worth`. To people with
-            eyes it is no improvement.
     """
 
-    by: Judgement
+    by: Judgement  # what the person notices
+    # Whether what differs unnoticed is at least as good, see `worth`. To people with eyes it is no
+    # improvement.
     ties_count: bool = False
 
     def compare(self, a: Runs, b: Runs) -> Int[np.ndarray, " K"]:

@@ -24,17 +24,12 @@ USUAL = "usual"
 _USUAL = 512
 _QUICK_POOL, _SLOW_POOL = 8192, 2048
 """Sizes of pools: of closed loops, which take a millisecond an experiment, and of others."""
-_HORIZON = "N_p"
-"""Knob of every MPC, which makes an experiment slow."""
-_CHECKED = 4
-"""Number of experiments by which a changed scenario is noticed."""
-_DIGITS = 4
-"""Digits that are compared, since the last ones differ between machines."""
-_PARTS = ("values", "survived", "z", "seen")
-"""Arrays of a file, as they follow the names in `Runs`."""
+_HORIZON = "N_p"  # knob of every MPC, which makes an experiment slow
+_CHECKED = 4  # number of experiments by which a changed scenario is noticed
+_DIGITS = 4  # digits that are compared, since the last ones differ between machines
+_PARTS = ("values", "survived", "z", "seen")  # arrays of a file, as they follow the names in `Runs`
 _BLOCK = 256
-_FRUITLESS = 1000
-"""Number of blocks without an allowed θ after which there seems to be none."""
+_FRUITLESS = 1000  # number of blocks without an allowed θ after which there seems to be none
 
 
 def thetas(scenario: Scenario, name: str, count: int) -> list[Float[np.ndarray, " n"]]:

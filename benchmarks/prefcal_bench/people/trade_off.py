@@ -11,22 +11,14 @@ from .runs import Runs
 
 @dataclass(frozen=True, slots=True)
 class Term:
-    """One KPI in the cost.
+    """One KPI in the cost."""
 
-    Args:
-        name: Name of the KPI.
-        weight: Share of the cost, above 0.
-        good: Value that could not be better, in the KPI's unit.
-        scale: Distance from `good` at which half of its weight is lost, above 0, in that unit.
-        steepness: Exponent, above 0. With a large one there is a threshold at `scale`: near
-            `good` returns diminish, and far from it all values are equally bad. With a small one
-            ratios count.
-    """
-
-    name: str
-    weight: float
-    good: float
-    scale: float
+    name: str  # name of the KPI
+    weight: float  # share of the cost, above 0
+    good: float  # value that could not be better, in the KPI's unit
+    scale: float  # distance from `good` at which half of its weight is lost, above 0, in that unit
+    # Exponent, above 0. With a large one there is a threshold at `scale`: near `good` returns diminish, and
+    # far from it all values are equally bad. With a small one ratios count.
     steepness: float = 1.0
 
     def cost(self, runs: Runs) -> Float[np.ndarray, " K"]:
@@ -39,15 +31,11 @@ class Term:
 
 @dataclass(frozen=True, slots=True)
 class TradeOff:
-    """A `Rule`: the smaller sum of `terms` is better, after the smaller excess beyond `limits`.
+    """A `Rule`: the smaller sum of `terms` is better, after the smaller excess beyond `limits`."""
 
-    Args:
-        terms: What counts among the runs within all limits; the weights add up to 1.
-        limits: KPIs with a largest accepted value, `good`, beyond which `scale` is the excess that
-            counts as half of the worst; their weights are 1.
-    """
-
-    terms: tuple[Term, ...]
+    terms: tuple[Term, ...]  # what counts among the runs within all limits; the weights add up to 1
+    # KPIs with a largest accepted value, `good`, beyond which `scale` is the excess that counts as half of
+    # the worst; their weights are 1
     limits: tuple[Term, ...] = ()
 
     def trade_off(self, runs: Runs) -> Float[np.ndarray, " K"]:
@@ -74,15 +62,10 @@ class TradeOff:
 
 @dataclass(frozen=True, slots=True)
 class Standards:
-    """A `Rule` by the final standards: the referee of a person whose standards rise.
+    """A `Rule` by the final standards: the referee of a person whose standards rise."""
 
-    Args:
-        first: Standards at the start.
-        final: Standards at the end, with the same terms in the same order.
-    """
-
-    first: TradeOff
-    final: TradeOff
+    first: TradeOff  # standards at the start
+    final: TradeOff  # standards at the end, with the same terms in the same order
 
     def cost(self, runs: Runs) -> Float[np.ndarray, " K"]:
         """Return the cost by the final standards, lower is better, shape (K,)."""
@@ -103,14 +86,10 @@ class Rising:
 
     After each comparison, the scale of a term becomes the distance of the better run if that is
     smaller, but not smaller than that of `final`.
-
-    Args:
-        now: Today's standards.
-        final: Standards at the end, with the same terms in the same order.
     """
 
-    now: TradeOff
-    final: TradeOff
+    now: TradeOff  # today's standards
+    final: TradeOff  # standards at the end, with the same terms in the same order
 
     def cost(self, runs: Runs) -> Float[np.ndarray, " K"]:
         """Return the cost by today's standards, shape (K,)."""

@@ -22,17 +22,11 @@ _SORTED = ["taste", "loop", "agent", "seed", "n_init", "n_max", "experiment"]
 
 @dataclass(frozen=True)
 class Plan:
-    """What `prefcal bench compare` runs, and what it compares the results with.
+    """What `prefcal bench compare` runs, and what it compares the results with."""
 
-    Args:
-        suite: Suite of the agent alone, on the loops and tastes of the published studies.
-        published: Published studies to compare with, see `campaign_of`.
-        notes: Where the published studies are of other versions than this prefcal's.
-    """
-
-    suite: Suite
-    published: pd.DataFrame
-    notes: tuple[str, ...]
+    suite: Suite  # suite of the agent alone, on the loops and tastes of the published studies
+    published: pd.DataFrame  # published studies to compare with, see `campaign_of`
+    notes: tuple[str, ...]  # where the published studies are of other versions than this prefcal's
 
 
 def publish(raw: Iterable[str | Path], out: str | Path) -> pd.DataFrame:

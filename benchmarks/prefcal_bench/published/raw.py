@@ -60,8 +60,7 @@ _KINDS = {
     "prefcal": "word",
 }
 """Columns, and what they hold."""
-_BATCH = 500
-"""Number of studies that are converted at a time: memory stays small for a large campaign."""
+_BATCH = 500  # number of studies that are converted at a time: memory stays small for a large campaign
 
 
 def raw_file(folder: Path) -> Path:

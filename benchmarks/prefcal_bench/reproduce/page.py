@@ -24,31 +24,20 @@ _FINAL = "Top: at the paper's θ, simulated here. Bottom: as calibrated here wit
 
 @dataclass(frozen=True, slots=True)
 class Pictured:
-    """A figure of the paper and its reproduction.
+    """A figure of the paper and its reproduction."""
 
-    Args:
-        label: Label of the figure in the paper.
-        statement: What the paper shows and says about it.
-        caption: Caption of the reproduction.
-        content: Reproduction as PNG.
-        reference: The same figure at the paper's θ, simulated here, as PNG; None if the paper
-            states no θ.
-    """
-
-    label: str
-    statement: str
-    caption: str
-    content: bytes
+    label: str  # label of the figure in the paper
+    statement: str  # what the paper shows and says about it
+    caption: str  # caption of the reproduction
+    content: bytes  # reproduction as PNG
+    # The same figure at the paper's θ, simulated here, as PNG; None if the paper states no θ
     reference: bytes | None = None
 
 
 def write_page(studies: Sequence[PaperStudy], folder: Path, command: str) -> Path:
     """Write paper.html and its figures into `folder`, and return the path of the page.
 
-    Args:
-        studies: Studies of all cases, for one or more seeds.
-        folder: Existing folder.
-        command: Command line that repeats the reproduction.
+    `command` repeats the reproduction.
     """
     results = found(studies)
     shown = list(pictures(results))

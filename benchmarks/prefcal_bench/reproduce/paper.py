@@ -88,19 +88,12 @@ TABLE = Path(__file__).with_name("deviations.md").read_text("utf-8")
 
 @dataclass(frozen=True, slots=True)
 class Deviation:
-    """A point in which prefcal differs from the paper, or decides where the paper is silent.
+    """A point in which prefcal differs from the paper, or decides where the paper is silent."""
 
-    Args:
-        paper: What the paper says, with the label of its equation or section.
-        ours: What prefcal does.
-        why: Reason for the deviation.
-        effect: Measured effect, or the reason why there can be none.
-    """
-
-    paper: str
-    ours: str
-    why: str
-    effect: str
+    paper: str  # what the paper says, with the label of its equation or section
+    ours: str  # what prefcal does
+    why: str  # reason for the deviation
+    effect: str  # measured effect, or the reason why there can be none
 
 
 def _deviation(line: str) -> Deviation:

@@ -59,23 +59,14 @@ class Asked:
 
 @dataclass(frozen=True, slots=True)
 class PaperStudy:
-    """Results of one study.
+    """Results of one study."""
 
-    Args:
-        case: Name of the case, as in `CASES`.
-        seed: Seed of the agent.
-        best: Calibrated θ, physical.
-        experiments: Number of experiments.
-        comparisons: Number of comparisons.
-        asked: Comparisons with a winner, in order; empty without a calibrator.
-    """
-
-    case: str
-    seed: int
-    best: Theta
-    experiments: int
-    comparisons: int
-    asked: tuple[Asked, ...]
+    case: str  # name of the case, as in `CASES`
+    seed: int  # seed of the agent
+    best: Theta  # calibrated θ, physical
+    experiments: int  # number of experiments
+    comparisons: int  # number of comparisons
+    asked: tuple[Asked, ...]  # comparisons with a winner, in order; empty without a calibrator
 
 
 def tasks(seeds: Sequence[int]) -> list[Callable[[], PaperStudy]]:

@@ -30,12 +30,9 @@ from .statistics import FLOOR, random_search
 from .words import plain_number, problem_name, with_interval
 
 _INTERVAL = ("worth_low", "worth_high")
-_FEW = 3
-"""Largest number of agents whose overlapping bands are still distinguishable."""
-_SOME = 8
-"""Largest number of agents that are drawn with lines of the usual width."""
-_MOST_ANSWERS = 2
-"""The axis of answers ends at this many answers per experiment of the budget."""
+_FEW = 3  # largest number of agents whose overlapping bands are still distinguishable
+_SOME = 8  # largest number of agents that are drawn with lines of the usual width
+_MOST_ANSWERS = 2  # the axis of answers ends at this many answers per experiment of the budget
 _THEORY = Line2D([], [], color="#aab2bb", linewidth=3.2, label="random search, in theory")
 _START = Line2D([], [], color="#e1e6eb", linewidth=7, label="initial samples")
 _SEES_VALUES = Line2D([], [], color="#5d6874", linewidth=1.2, linestyle="--", label="sees values: at the end")
@@ -120,13 +117,7 @@ def along(campaign: Campaign, settings: Sequence[Setting], baseline: str = "") -
 
 
 def summary(campaign: Campaign, rows: pd.DataFrame, settings: Sequence[Setting]) -> Figure:
-    """Draw a panel for each setting with the final worth of each agent, the highest on top.
-
-    Args:
-        campaign: All results.
-        rows: TextTable of worth, see `worth_rows`.
-        settings: Settings to draw, one or more.
-    """
+    """Draw a panel for each setting with the final worth of each agent, the highest on top."""
     ends = {s: ended(rows, s) for s in settings}
     columns = min(len(settings), 2)
     lines = [settings[i : i + columns] for i in range(0, len(settings), columns)]

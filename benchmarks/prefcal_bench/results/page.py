@@ -67,7 +67,9 @@ def write(
     material, met = Material(campaign_of(results, published), baseline), duel_rows(duels)
     target, found = folder_for(folder), sections_of(material, met)
     pictures = {one.picture.file: one.picture.content for one in found if one.picture}
-    _remove_others(target, set(pictures))
+    for path in target.glob("*.png"):  # of an earlier campaign; only files that have one of our names
+        if _OURS.fullmatch(path.name) and path.name not in pictures:
+            path.unlink()
     content = {
         **pictures,
         "table.csv": as_csv(plain(material.gaps)).encode(),
@@ -80,20 +82,8 @@ def write(
     return target / "index.html"
 
 
-def _remove_others(folder: Path, kept: set[str]) -> None:
-    """Remove figures of an earlier campaign, only files that have one of our names."""
-    for path in folder.glob("*.png"):
-        if _OURS.fullmatch(path.name) and path.name not in kept:
-            path.unlink()
-
-
 def sections_of(material: Material, met: pd.DataFrame) -> list[Section]:
-    """Return the sections with results: closed loops first, then problems with gaps, then duels.
-
-    Args:
-        material: Results.
-        met: Counted duels, see `duel_rows`.
-    """
+    """Return the sections with results: closed loops first, then problems with gaps, then duels."""
     campaign, worths, baseline = material.campaign, material.worths, material.baseline
     found = [Section(one.title, one) for one in draw_overview(material)]
     for setting in campaign.having("worth"):

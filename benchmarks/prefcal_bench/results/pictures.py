@@ -63,15 +63,10 @@ class CampaignFigure:
 
 @dataclass(frozen=True)
 class Material:
-    """Results for figures and page.
+    """Results for figures and page."""
 
-    Args:
-        campaign: All results, and published ones.
-        baseline: Agent that all others are compared with.
-    """
-
-    campaign: Campaign
-    baseline: str = BASELINE
+    campaign: Campaign  # all results, and published ones
+    baseline: str = BASELINE  # agent that all others are compared with
 
     @cached_property
     def gaps(self) -> pd.DataFrame:

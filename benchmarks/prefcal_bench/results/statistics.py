@@ -22,27 +22,16 @@ Pair = tuple[str, int]
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """Comparison of an agent with a baseline on one problem, paired by seed.
+    """Comparison of an agent with a baseline on one problem, paired by seed."""
 
-    Args:
-        pairs: Number of seeds that both have.
-        log10_ratio: Median of log10(gap / baseline's gap); negative if the agent is better.
-        log10_ratio_low: Lower end of its 95 % bootstrap interval; None with fewer than two pairs.
-        log10_ratio_high: Upper end of that interval.
-        wins: Number of seeds in which the agent's gap is smaller.
-        ties: Number of seeds in which both are equal.
-        losses: Number of seeds in which the baseline's is smaller.
-        p: p value of the two-sided Wilcoxon signed-rank test; 1 if all are ties.
-    """
-
-    pairs: int
-    log10_ratio: float
-    log10_ratio_low: float | None
-    log10_ratio_high: float | None
-    wins: int
-    ties: int
-    losses: int
-    p: float
+    pairs: int  # number of seeds that both have
+    log10_ratio: float  # median of log10(gap / baseline's gap); negative if the agent is better
+    log10_ratio_low: float | None  # lower end of its 95 % bootstrap interval; None with fewer than two pairs
+    log10_ratio_high: float | None  # upper end of that interval
+    wins: int  # number of seeds in which the agent's gap is smaller
+    ties: int  # number of seeds in which both are equal
+    losses: int  # number of seeds in which the baseline's is smaller
+    p: float  # p value of the two-sided Wilcoxon signed-rank test; 1 if all are ties
 
 
 @dataclass(frozen=True, slots=True)

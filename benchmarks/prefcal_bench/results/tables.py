@@ -34,25 +34,15 @@ class TableCell(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class TextTable:
-    """TextTable of the page or the terminal.
+    """TextTable of the page or the terminal."""
 
-    Args:
-        label: Title, and name of the table for people who cannot see it.
-        caption: Caption.
-        columns: Names of the columns.
-        rows: Cells of each row, starting with its heading.
-        words: Columns that hold text, not numbers.
-        tall: Whether the table may need to scroll vertically.
-        page_only: Columns that a terminal has no room for.
-    """
-
-    label: str
+    label: str  # title, and name of the table for people who cannot see it
     caption: str
-    columns: tuple[str, ...]
-    rows: list[list[TableCell]]
-    words: tuple[str, ...] = ()
-    tall: bool = True
-    page_only: tuple[str, ...] = ()
+    columns: tuple[str, ...]  # names of the columns
+    rows: list[list[TableCell]]  # cells of each row, starting with its heading
+    words: tuple[str, ...] = ()  # columns that hold text, not numbers
+    tall: bool = True  # whether the table may need to scroll vertically
+    page_only: tuple[str, ...] = ()  # columns that a terminal has no room for
 
     def without(self, columns: Collection[str]) -> "TextTable":
         """Return the table without some of its columns."""
@@ -190,14 +180,7 @@ def failed(cells: Sequence[tuple[str, str]]) -> TextTable:
 
 
 def worth_numbers(campaign: Campaign, rows: pd.DataFrame, setting: Setting, baseline: str) -> TextTable:
-    """Return the table of worth of a setting, with the highest worth tinted.
-
-    Args:
-        campaign: All results.
-        rows: TextTable of worth, see `worth_rows`.
-        setting: Setting of the table.
-        baseline: Agent that the others are compared with.
-    """
+    """Return the table of `worth_rows` of a setting, with the highest worth tinted."""
     spots, loops = checkpoints(setting), len(problems_of(campaign.of(setting, "worth")))
     ends = ended(rows, setting)
     tinted = _leaders(ends)

@@ -18,12 +18,9 @@ from .rows import BASELINE, duel_rows, gap_rows, worth_rows
 from .tables import TextTable, duel_numbers, numbers, worth_numbers
 from .words import named
 
-_MOST = 5
-"""Number of lines about missing or failed cells; the page shows all of them."""
-_WIDE = 110
-"""Width of a terminal, in characters, that has room for quartiles and p."""
-_STYLES = {"best": "[bold green]", "sure": "[bold]"}
-"""Styles by the kind of a cell."""
+_MOST = 5  # number of lines about missing or failed cells; the page shows all of them
+_WIDE = 110  # width of a terminal, in characters, that has room for quartiles and p
+_STYLES = {"best": "[bold green]", "sure": "[bold]"}  # styles by the kind of a cell
 
 
 def print_table(

@@ -86,8 +86,8 @@ class PPOBandit(_Learner):
     Deviation: rewards are ranks (see `rewards`); settings other than the library's, which are
     for thousands of times as many steps.
 
-    Arguments and errors are those of `Agent`; `n_init` has no effect. Without the extra
-    `rl`, MissingExtraError is raised.
+    Arguments and errors are those of `Agent`; `n_init` has no effect. Without the extra `rl`,
+    MissingExtraError is raised.
     """
 
     version: ClassVar[int] = 1
@@ -126,8 +126,7 @@ class SACBandit(_Learner):
     Deviation: rewards are ranks (see `rewards`); the library does nothing before 100 steps, so
     here the gradient steps are more and larger, and the weight of the entropy is fixed.
 
-    Arguments and errors are those of `Agent`. Without the extra
-    `rl`, MissingExtraError is raised.
+    Arguments and errors are those of `Agent`. Without the extra `rl`, MissingExtraError is raised.
     """
 
     version: ClassVar[int] = 1

@@ -41,7 +41,7 @@ def knob_of(text: str) -> Knob:
     return ranged_knob(name.strip(), rest)
 
 
-def ranged_knob(name: str, text: str, about: str = "") -> Knob:
+def ranged_knob(name: str, text: str) -> Knob:
     """Return the knob called `name` with the range LOW:HIGH[:log][:int][ UNIT] in `text`.
 
     Raises:
@@ -63,7 +63,7 @@ def ranged_knob(name: str, text: str, about: str = "") -> Knob:
     scale: KnobScale = "log10" if "log" in flags else "linear"
     unit = (bracketed if bracketed is not None else bare or "").strip()
     numbers = _number(name, low, text), _number(name, high, text)
-    return Knob(name, *numbers, unit, scale=scale, integer="int" in flags, about=about)
+    return Knob(name, *numbers, unit, scale=scale, integer="int" in flags)
 
 
 def _number(name: str, word: str, text: str) -> float:

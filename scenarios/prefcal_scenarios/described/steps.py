@@ -224,13 +224,8 @@ def theta_of(space: KnobSpace, values: Float[np.ndarray, " n"]) -> Float[np.ndar
 def scenario_of_steps(plant: Plant, found: Design, laws: Laws, space: KnobSpace, **said: Any) -> Scenario:
     """Return the scenario of a plant and its controllers.
 
-    Args:
-        plant: Plant.
-        found: What was chosen for it.
-        laws: Controllers of all θ.
-        space: Knobs of θ.
-        said: Name, title, references and brief of the scenario; an empty brief is found, and the
-            first reference is the middle of the ranges.
+    `said` is its name, title, references and brief: an empty brief is found, and the first
+    reference is the middle of the ranges.
     """
     middle, inputs = next(iter(said["references"].values())), list(plant.inputs)
     for loop in found.loops:

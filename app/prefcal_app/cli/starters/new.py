@@ -14,21 +14,14 @@ from prefcal_app.cli.parameters import examples, examples_of_worlds, worlds
 
 @dataclass(frozen=True, slots=True)
 class Starter:
-    """One kind of starter.
+    """One kind of starter."""
 
-    Args:
-        about: What it is for, in a few words.
-        template: Name of the file in the folder `starters`, or, of an optional world, of its
-            folder and file.
-        source: Name of the scenario on the command line, with FILE for the path; an option may
-            follow.
-        first: What must be there before the starter runs; empty if it runs as it is.
-    """
-
-    about: str
+    about: str  # what it is for, in a few words
+    # Name of the file in the folder `starters`, or, of an optional world, of its folder and file
     template: str
+    # Name of the scenario on the command line, with FILE for the path; an option may follow
     source: tuple[str, ...] = ("FILE:scenario",)
-    first: str = ""
+    first: str = ""  # what must be there before the starter runs; empty if it runs as it is
 
     @property
     def suffix(self) -> str:

@@ -133,16 +133,12 @@ class Fixed:
     Deviation: the paper states ±π/4 and 0.0873 rad/s for θ. Here ±π/4 holds for θ (soft) and for
     δ_s (hard), 0.0873 rad/s for the rate of δ_s (hard), so 0.0873 T_s per step, because a yaw rate
     is not an input.
-
-    Args:
-        steering_rate: Largest rate of δ_s from one step to the next [rad/s].
-        steering_move: Largest move of δ_s in one step [rad].
-        Q_eps: Weight of the slack. Deviation: the paper has no value. With 1e5, a toolbox's
-            default, the one slack makes the car swerve off the road at the paper's optimum.
     """
 
-    steering_rate: float = 0.0873
-    steering_move: float = inf
+    steering_rate: float = 0.0873  # largest rate of δ_s from one step to the next [rad/s]
+    steering_move: float = inf  # largest move of δ_s in one step [rad]
+    # Weight of the slack. Deviation: the paper has no value. With 1e5, a toolbox's default, the one slack
+    # makes the car swerve off the road at the paper's optimum.
     Q_eps: float = 10.0
 
 
