@@ -13,6 +13,7 @@ from scipy.linalg import expm
 from scipy.signal import tf2ss
 
 _BAND, _AWAY = 0.05, 10.0  # of settling, and distance that is unsafe, as shares of the step
+_NO_LAG = 1e-3  # share of the sampling time that counts as no lag: less would make exponentials stiff
 
 
 @dataclass(frozen=True)
@@ -49,9 +50,15 @@ class PID:
     N: float
 
 
-def drawn(runs: int, seed: int, time: float, gain: float, delay: float) -> np.ndarray:
-    """Return factors of time constants, gain and dead time, uniform within ± the shares, shape (runs, 3)."""
-    return 1 + np.random.default_rng(seed).uniform(-1, 1, (runs, 3)) * [time, gain, delay]
+NOMINAL = (1.0, 1.0, 1.0, 0.0, 0.0)
+"""Factors of time constants, gain and dead time; lag of the actuator; bias of the sensor in steps."""
+
+
+def drawn(runs: int, seed: int, shares: tuple[float, float, float], lag: float, bias: float) -> np.ndarray:
+    """Return what varies, uniform: the factors within ± the shares, lag from 0, bias ±, shape (runs, 5)."""
+    unit = np.random.default_rng(seed).uniform(-1, 1, (runs, 5))
+    unit[:, 3] = (1 + unit[:, 3]) / 2
+    return NOMINAL + unit * [*shares, lag, bias]
 
 
 def failures(process: Process, experiment: Experiment, pid: PID, factors: np.ndarray) -> np.ndarray:
@@ -73,27 +80,42 @@ def simulated(
     process: Process, experiment: Experiment, pid: PID, factors: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return outputs and errors in steps at each sampling instant, each of shape (K, runs)."""
-    e, (speed, gain, later), runs = experiment, factors.T, len(factors)
+    e, (speed, gain, later, lag, bias), runs = experiment, factors.T, len(factors)
+    bias = bias * abs(e.target - e.start)
     A, B, C, _ = tf2ss(process.num, process.den)
-    plants = A[None] / speed[:, None, None], (B[:, 0] * (gain / speed)[:, None]), C[0]
+    loads = B[:, 0] * (gain / speed)[:, None]
+    plants, loads = _behind_lags(
+        A[None] / speed[:, None, None], loads, C[0], np.maximum(lag, _NO_LAG * e.T_s)
+    )
     u_late, w_late = (process.delay + process.output_delay) * later, process.output_delay * later
     propagate, *acting = _sampled(plants[0], plants[1], e.T_s, u_late)
-    _, *loading = _sampled(plants[0], plants[1], e.T_s, w_late)
+    _, *loading = _sampled(plants[0], loads, e.T_s, w_late)
     x, u0 = _rest(*plants, e.start)
     count, loaded = _samples(e, 2) + 1, _samples(e)
     before = int(max(u_late.max(), w_late.max()) / e.T_s) + 2  # instants before the start, at rest
     u = np.tile(u0, (before + count, 1))
     w = np.zeros((before + count, runs))
     w[before + loaded :] = e.load
-    law, ys = _Law(pid, e, u0), np.empty((count, runs))
+    law, ys = _Law(pid, e, u0, e.start + bias), np.empty((count, runs))
     with np.errstate(all="ignore"):  # what is unstable may overflow, and has failed then
         for k in range(count):
             ys[k] = x @ plants[2]
-            u[before + k :] = law.move(ys[k])
+            u[before + k :] = law.move(ys[k] + bias)
             x = np.einsum("pij,pj->pi", propagate, x)
             x = x + _through(acting, u, before + k, u_late / e.T_s)
             x = x + _through(loading, w, before + k, w_late / e.T_s)
     return ys, (ys - e.target) / (e.target - e.start)
+
+
+def _behind_lags(
+    A: np.ndarray, B: np.ndarray, C: np.ndarray, lag: np.ndarray
+) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
+    """Return A, B and C of plants whose input passes a lag, and the B of a load, which does not."""
+    runs, n = B.shape
+    behind, entering = np.zeros((runs, n + 1, n + 1)), np.zeros((runs, n + 1))
+    behind[:, :n, :n], behind[:, :n, n], behind[:, n, n] = A, B, -1 / lag
+    entering[:, n] = 1 / lag
+    return (behind, entering, np.append(C, 0.0)), np.column_stack([B, np.zeros(runs)])
 
 
 def _sampled(A: np.ndarray, B: np.ndarray, T: float, delay: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -136,12 +158,12 @@ def _rest(A: np.ndarray, B: np.ndarray, C: np.ndarray, y: float) -> tuple[np.nda
 class _Law:
     """The PIDs of all plants: u = K_p (b r - y) + I + D within the limits, with back-calculation."""
 
-    def __init__(self, pid: PID, e: Experiment, u0: np.ndarray) -> None:
+    def __init__(self, pid: PID, e: Experiment, u0: np.ndarray, seen: np.ndarray) -> None:
         self.pid, self.e, self.D = pid, e, np.zeros(len(u0))
         self.tracking = np.sqrt(pid.T_i * pid.T_d) if 25 * pid.T_d >= pid.T_i else pid.T_i
-        # It had rested at the start: reference and output were the same.
-        self.I = u0 - pid.K_p * (pid.b - 1) * e.start
-        self.y, self.lost = np.full(len(u0), e.start), np.zeros(len(u0))
+        # It had rested at the start: reference and output, as the sensor sees it, were the same.
+        self.I = u0 - pid.K_p * (pid.b - 1) * seen
+        self.y, self.lost = seen, np.zeros(len(u0))
         self.first = True
 
     def move(self, y: np.ndarray) -> np.ndarray:

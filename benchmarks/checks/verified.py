@@ -5,9 +5,10 @@
     python benchmarks/checks/verified.py --quick    # one plant: seconds
 
 `monte_carlo.py`, which shares no code with prefcal, judges each plant that `verify` drew, one by one, and
-3,000 others of its own within the same ranges. Time constants and gain vary by 10 %, dead time by 20 %. A
-plant fails if its output runs away, or is not within 5 % of its reference at the end of the step or of the
-load. Fragile tunings have a gain close to the largest one with which the nominal loop settles.
+3,000 others of its own within the same ranges. Time constants and gain vary by 10 %, dead time by 20 %, the
+actuator has a lag of up to a tenth of the dominant time constant, and the sensor a bias of up to 1 % of the
+step. A plant fails if its output runs away, or is not within 5 % of its reference at the end of the step or
+of the load. Fragile tunings have a gain close to the largest one with which the nominal loop settles.
 
 Prints Markdown, and fails if a share differs by more than chance allows (Fisher, 1 % for all loops together),
 if more than one verdict and more than 1 % of them on the same plants differ, or if the stated bound is below
@@ -24,7 +25,7 @@ import numpy as np
 from scipy.stats import fisher_exact
 
 sys.path.insert(0, __file__.rpartition("/")[0])
-from monte_carlo import PID, Experiment, Process, drawn, failures
+from monte_carlo import NOMINAL, PID, Experiment, Process, drawn, failures
 
 from prefcal_bench.results.words import markdown
 from prefcal_env.experiments.experiment import Channel
@@ -46,6 +47,7 @@ PROCESSES: Mapping[str, Process] = {
     "unstable": Process((1.0,), (20.0, -1.0), 2.0),
 }
 RANGES = {"parameter": 0.1, "dead time": 0.2, "sensor": 0.0, "actuator": 0.0, "task": 0.0}
+LAG, BIAS = "lag of the actuators", "bias of sensors"
 RUNS, OTHERS = 299, 3000
 _EDGE = 0.92  # share of the largest gain with which the nominal loop settles
 _CHANCE, _SAME, _ABOVE = 0.01, 0.01, 2
@@ -87,15 +89,20 @@ def compared(name: str, process: Process, kind: str, runs: int, others: int) -> 
     theta = np.array(scenario.references["robust"])
     if kind == "fragile":
         theta[0] *= _EDGE * largest(scenario, process, theta)
-    found = verify(scenario, theta, runs, seed=seed, ranges=RANGES, jobs=1)
+    usual = {f.name: f.high for f in scenario.source.varied().factors}
+    ranges = {**RANGES, LAG: (0.0, usual[LAG]), BIAS: usual[BIAS]}
+    found = verify(scenario, theta, runs, seed=seed, ranges=ranges, jobs=1)
     given = numbers_of(scenario, theta)
     late = process.delay + process.output_delay
     rows = [
-        [run.values["all time constants"], run.values["gain of valve"], run.values["dead time"] / late]
+        [
+            *(run.values["all time constants"], run.values["gain of valve"], run.values["dead time"] / late),
+            *(run.values[LAG], run.values[BIAS]),
+        ]
         for run in found.runs
     ]
     same = failures(process, *given, np.array(rows))
-    own = failures(process, *given, drawn(others, 100 + seed, time=0.1, gain=0.1, delay=0.2))
+    own = failures(process, *given, drawn(others, 100 + seed, (0.1, 0.1, 0.2), usual[LAG], usual[BIAS]))
     bad = np.array([bool(run.problems) for run in found.runs])
     return Compared(
         f"{name}, {kind}", runs, int(bad.sum()), int((bad != same).sum()), int(own.sum()), others, found.bound
@@ -118,7 +125,7 @@ def numbers_of(scenario: Scenario, theta: np.ndarray) -> tuple[Experiment, PID]:
 def largest(scenario: Scenario, process: Process, theta: np.ndarray) -> float:
     """Return the largest factor of the gain with which the nominal loop settles, by the other code."""
     low, high = 1.0, 1.0
-    nominal = np.ones((1, 3))
+    nominal = np.array([NOMINAL])
 
     def fails(factor: float) -> bool:
         given = numbers_of(scenario, theta * [factor, 1, 1, 1])

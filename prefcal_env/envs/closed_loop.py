@@ -27,7 +27,7 @@ from prefcal_env.wording import brief, place_in_code
 
 from .plant_env import PlantEnv
 from .task import Task
-from .varied_loop import ENDS, VariedLoop, Worn, moves_of
+from .varied_loop import VariedLoop, Worn, moves_of
 
 
 class ClosedLoopEnv(Protocol):
@@ -199,9 +199,9 @@ class ClosedLoop:
         plant, task = env.plant, env.task
         # Only KPIs that can be measured around another step let the step vary.
         targets = getattr(self.kpis, "targets", ()) if hasattr(self.kpis, "around") else ()
-        moves = moves_of(plant, task, plant.outputs, targets, ENDS) if targets else ()
-        why = "a limit of the plant is near" if targets else "the KPIs are those of this step"
-        said = () if moves else (f"references and start are not varied: {why}",)
+        moves = moves_of(plant, task, plant.outputs, targets) if targets else ()
+        step = "start, size and direction of the step"
+        said = () if targets else ((step, "the KPIs cannot be measured around another step"),)
         jitters = not getattr(plant, "sample_time", 0.0)
         loop = VariedLoop(plant, task, self._built, self.controller, jitters=jitters, moves=moves)
         return loop.varied(*said)

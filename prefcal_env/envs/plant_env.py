@@ -105,6 +105,8 @@ def check_fit(plant: Plant, task: Task) -> None:
             )
     if task.noise is not None and (task.noise.shape != (n_y,) or np.any(task.noise < 0)):
         raise SettingsError(f"task: noise must be {n_y} standard deviations of 0 or more, got {task.noise}")
+    if task.bias is not None and task.bias.shape != (n_y,):
+        raise SettingsError(f"task: bias must be {n_y} numbers, got {task.bias}")
     if np.shape(task.measurement_delay) not in ((), (n_y,)):
         raise SettingsError(
             f"task: measurement_delay must be one number or {n_y}, got {task.measurement_delay}"
@@ -313,7 +315,7 @@ class PlantEnv(gym.Env[Array, Array]):
         self._episode: Trajectory | None = None
         self._end: End | None = None
         self._T_s, self._steps = task.T_s, 0
-        self._t, self._x, self._u = 0.0, task.x0, task.u0
+        self._t, self._x, self._u, self._reached = 0.0, task.x0, task.u0, task.u0
         self._output_delay = delays_of(plant)[1]
         measuring = np.broadcast_to(task.measurement_delay, len(plant.outputs)).tolist()
         self._seen_delay = tuple(map(sum, zip(self._output_delay, measuring, strict=True)))
@@ -360,7 +362,7 @@ class PlantEnv(gym.Env[Array, Array]):
         if self.task.unsafe(x0):
             raise PlantError(f"the initial state x0 is unsafe: {x0}")
         self._T_s, self._steps, self._end = T_s, 0, None
-        self._t, self._x, self._u = 0.0, x0, self.task.u0
+        self._t, self._x, self._u, self._reached = 0.0, x0, self.task.u0, self.task.u0
         self._episode = Trajectory(x0, self.task.u0)
         if self._delayed:
             self._dead_time = DeadTime(self.plant, x0, self.task.u0, self.task.disturbance(0.0))
@@ -412,10 +414,11 @@ class PlantEnv(gym.Env[Array, Array]):
         # Nothing is drawn without jitter, so that its absence leaves the noise of a seed as it was.
         late = self.task.jitter * int(self.np_random.integers(-1, 2)) if self.task.jitter else 0.0
         t = instants(self._t, (self._steps + late) * self._T_s, self.task.dense_step)
+        held = self._lagged(u, float(t[-1] - t[0]))
         if self._dead_time is None:
-            later = self.plant.hold(self._x, u, d, t[1:] - self._t)
+            later = self.plant.hold(self._x, held, d, t[1:] - self._t)
         else:
-            later = self._dead_time.hold(self._x, u, d, t)
+            later = self._dead_time.hold(self._x, held, d, t)
         x = np.concatenate([self._x[None], later])
         kept, stopped = self._survived(x)
         if stopped:
@@ -423,7 +426,7 @@ class PlantEnv(gym.Env[Array, Array]):
             if kept == self._steps == 1:
                 check_rate(self.plant, self._x, u, d)
             t, x = t[:kept], x[:kept]
-        self._episode.add(t[1:], x[1:], u, y_ref)
+        self._episode.add(t[1:], x[1:], held, y_ref)
         step = Period(t, x, u_before=self._u, u=u, y_ref=y_ref, T_s=self._T_s)
         self._t, self._x, self._u = float(t[-1]), x[-1], u
         self._draw_noise()
@@ -497,12 +500,15 @@ class PlantEnv(gym.Env[Array, Array]):
         if self._outputs_are_states:
             return self._x
         now = d if d.ndim == 1 else d[0]
-        return np.asarray(self.plant.g(self._x, self._u, now), dtype=float)
+        return np.asarray(self.plant.g(self._x, self._reached, now), dtype=float)
 
     def _draw_noise(self) -> None:
         """Draw the noise of the next measurement: once a step, however often it is read."""
         if self.task.noise is not None:
             self._noise = self.task.noise * self.np_random.standard_normal(len(self._noise))
+        if self.task.bias is not None:
+            noise = 0.0 if self.task.noise is None else self._noise
+            self._noise = self.task.bias + noise
 
     def _sampling_time(self, T_s: Any) -> float:
         found, dt = self.task.sampling_time(T_s), getattr(self.plant, "sample_time", 0.0)
@@ -513,6 +519,15 @@ class PlantEnv(gym.Env[Array, Array]):
                 f"{self.plant.time_unit} of plant {self.plant.name!r}, got {found:g}"
             )
         return found
+
+    def _lagged(self, u: Array, duration: float) -> Array:
+        """Return the mean of the inputs on their way to `u`, shape (n_u,), and move them on."""
+        missing, self._reached = self._reached - u, u
+        if not self.task.lag:
+            return u
+        share = duration / self.task.lag
+        self._reached = u + missing * np.exp(-share)
+        return np.asarray(u - missing * np.expm1(-share) / share)
 
     def _saturate(self, u: Array) -> Array:
         low, high, move = self._low, self._high, self.task.max_move

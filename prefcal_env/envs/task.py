@@ -120,6 +120,9 @@ class Task:
         noise: Standard deviation of the noise of each measured output (`Measurement.y`), in the
             output's unit, shape (n_y,); None for no noise. It is white and normal, and follows from
             the seed of `reset` alone.
+        bias: What sensors add to each measured output, in the output's unit, shape (n_y,); None for nothing.
+        lag: Time constant of the actuators, which no controller is told; 0 for none. An input is held at its
+            mean over each period, so that the plant gets as much of it as from a continuous lag.
         measurement_delay: Dead time of the measurements, one number or one for each output; that of
             the plant's outputs is added.
         jitter: Share of the sampling time, below 0.5, by which a sampling instant is early, or late,
@@ -152,6 +155,8 @@ class Task:
     unsafe_cost: float = 0.0
     max_move: Float[np.ndarray, " n_u"] | None = None
     noise: Float[np.ndarray, " n_y"] | None = None
+    bias: Float[np.ndarray, " n_y"] | None = None
+    lag: float = 0.0
     measurement_delay: float | Sequence[float] = 0.0
     jitter: float = 0.0
     preview: int = 0
@@ -160,7 +165,7 @@ class Task:
     def __post_init__(self) -> None:
         if self.d is None:
             object.__setattr__(self, "d", np.zeros(0))
-        for name in ("x0", "u0", "y_ref", "d", "observed", "max_move", "noise"):
+        for name in ("x0", "u0", "y_ref", "d", "observed", "max_move", "noise", "bias"):
             value = getattr(self, name)
             if value is None or callable(value):
                 continue
@@ -193,6 +198,8 @@ class Task:
             raise SettingsError(f"task: measurement_delay must be 0 or more and finite, got {delay.tolist()}")
         if not 0 <= self.jitter < 0.5:
             raise SettingsError(f"task: jitter must be at least 0 and below 0.5, got {self.jitter}")
+        if not 0 <= self.lag < np.inf:
+            raise SettingsError(f"task: lag must be 0 or more and finite, got {self.lag}")
         if self.preview < 0:
             raise SettingsError(f"task: preview must be 0 or more rows, got {self.preview}")
         # Last, since T_s and its range may just have been derived.

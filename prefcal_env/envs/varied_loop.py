@@ -10,47 +10,60 @@ from prefcal_env.errors import PlantError
 from prefcal_env.experiments.experiment import Channel, Controller, Measurement, Move
 from prefcal_env.plants.jacobians import U, X, Y
 from prefcal_env.plants.plant import Disturbed, Plant
+from prefcal_env.plants.systems import LinearPlant, local_system
 from prefcal_env.sources.source import Source, Varied
-from prefcal_env.sources.varied import LEAST, NOT_NEGATIVE, SIZE, Factor, Values
+from prefcal_env.sources.varied import LEAST, NOT_NEGATIVE, SIZE, Factor, LeftOut, Values
 
 from .plant_env import tracked_of
 from .task import Signal, StepSignal, Task
-from .varied_plant import DELAY, at_rest, factors_of, latest, rest, varied_plant, waits_inside
+from .varied_plant import AT_ZERO, DELAY, at_rest, factors_of, latest, rest, varied_plant, waits_inside
 
 _WEAR = (-0.5, 1.0)  # relative change of noise
-_NOISE, _GRAIN, _PLAY, _OFFSET = 0.002, 0.005, 0.005, 0.1
-"""Largest noise of sensors without any, and resolution, as shares of the largest step; half backlash
+_NOISE, _GRAIN, _BIAS, _PLAY, _OFFSET = 0.002, 0.005, 0.01, 0.005, 0.5
+"""Largest noise of sensors without any, resolution and bias, as shares of the largest step; half backlash
 of actuators, as a share of the range; change of the operating point, as a share of the step."""
-NOISE, GRAIN, PLAY, LOAD = "noise", "resolution of sensors", "backlash", "size of the load"
+NOISE, GRAIN, BIAS, PLAY, LOAD = (
+    "noise",
+    "resolution of sensors",
+    "bias of sensors",
+    "backlash",
+    "size of the load",
+)
+LAG, _LAG = "lag of the actuators", 0.1
+"""Largest lag that nobody modeled, as a share of the dominant time constant."""
 JITTER, _JITTER, _MOST = "sampling jitter", 0.1, 0.49
 """Largest jitter, as a share of the period: the usual and the possible one."""
 MOVE, SHIFT, REFERENCE, DIRECTION = "rate of the actuators", "start", "size of the step", "direction"
 TURN = "direction of the load"
 _ROOM = 2.0  # distance of a limit from start and targets, in steps, that leaves room for other references
-ENDS = (-_OFFSET, 1 + SIZE + _OFFSET)  # what a varied start and reference reach, in steps
+UNMODELED: tuple[LeftOut, ...] = (
+    (
+        "what the model lacks, such as a resonance",
+        "nobody stated it: M_s and disk margin say how much is bearable",
+    ),
+    ("other loops, also with a wrong sign", "they are not in the model"),
+    ("actuators that differ up and down, or stick", "they are as modeled"),
+    ("failures of sensors and actuators", "they are not simulated"),
+)
+"""What no factor is for."""
 Build = Callable[[Disturbed, Task, Y, U], Source]
 """Function of plant, task, resolution of the sensors, shape (n_y,), and half backlash of the
 actuators, shape (n_u,), that returns the loop; the controller stays as it is designed."""
 
 
 def moves_of(
-    plant: Plant,
-    task: Task,
-    limits: Sequence[Channel],
-    targets: Sequence[tuple[int, float]],
-    ends: Sequence[float] = (),
+    plant: Plant, task: Task, limits: Sequence[Channel], targets: Sequence[tuple[int, float]]
 ) -> tuple[str, ...]:
-    """Return what can vary of the step: all if no limit of an output is near, and the other side exists.
+    """Return what can vary of the step: all if no limit of an output is near, and the plant can rest there.
 
     Args:
         limits: Limits of each output.
         targets: Index of an output and its reference after the step, in the order of the loops.
-        ends: Shares of the step at which the plant must rest within its limits, too.
     """
     x0, u0, d = task.x0, task.u0, task.disturbance(0.0)
     chosen = list(targets)[: len(plant.inputs)]
     y0, all_limits = plant.g(x0, u0, d), (*plant.states, *plant.inputs)
-    for k, target in chosen[:1] if not ends else chosen:
+    for k, target in chosen:
         room = min(min(y0[k], target) - limits[k].low, limits[k].high - max(y0[k], target))
         if room < _ROOM * abs(target - y0[k]):
             return ()
@@ -62,9 +75,10 @@ def moves_of(
             return False
         return all(c.low <= v <= c.high for c, v in zip(all_limits, np.concatenate(found), strict=True))
 
-    if not all(map(rests, ends)):
+    low, high = -_OFFSET, 1 + SIZE + _OFFSET
+    if not (rests(low) and rests(high)):
         return ()
-    return (REFERENCE, SHIFT, DIRECTION) if rests(-1.0) else (REFERENCE, SHIFT)
+    return (REFERENCE, SHIFT, DIRECTION) if rests(-high) else (REFERENCE, SHIFT)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,20 +96,20 @@ class VariedLoop:
     jitters: bool = False  # whether periods can differ
     moves: tuple[str, ...] = ()  # what varies of the step: `SHIFT`, `REFERENCE`, `DIRECTION` or less
 
-    def varied(self, *said: str) -> Varied:
+    def varied(self, *said: LeftOut) -> Varied:
         """Return what varies; `said` is what does not, beside what follows from plant and task."""
         late, waits = latest(self.plant, self.task.measurement_delay) > 0, waits_inside(self.plant)
-        missing = {
-            "the plant states no dead time, and none is added (that of a Padé approximation varies with the "
-            "time constants): see the delay margin": late or waits,
-            "dead time in the states of the plant (poles at 0) is not varied: state it as a delay": not waits,
-            "no rate of an actuator is stated, so none is varied": self.task.max_move is not None,
-            "the task has no steps of a load, so none is varied": self._loaded,
-            "sampling jitter is not varied: a period has one length": self.jitters,
-            "no lag of the actuators that nobody modeled is added: see the delay margin": False,
-            "a bias of the sensors is not varied: it moves the output, whatever the tuning": False,
+        near = "the plant cannot rest there within its limits, or one is near"
+        missing: dict[LeftOut, bool] = {
+            (DELAY, "none is stated; more of it acts as the lag does: see the delay margin"): late or waits,
+            ("dead time in the states (poles at 0)", "state it as a delay"): not waits,
+            (MOVE, "none is stated"): self.task.max_move is not None,
+            ("size and direction of the load", "the task has no steps of one"): self._loaded,
+            (JITTER, "a period has one length here"): self.jitters,
+            ("start, size and direction of the step", near): bool(self.moves or said),
+            (DIRECTION, near): not self.moves or DIRECTION in self.moves,
         }
-        left_out = (*said, *(text for text, there in missing.items() if not there))
+        left_out = (*said, *(row for row, there in missing.items() if not there), *UNMODELED)
         factors = (*factors_of(self.plant, self.task.measurement_delay), *self._others())
         return Varied(factors, left_out, self.at, self)
 
@@ -115,6 +129,10 @@ class VariedLoop:
             yield Factor(NOISE, "sensor", 0.0, 0.0, _NOISE, "of the step", possible=NOT_NEGATIVE)
         if self.wears:
             yield Factor(GRAIN, "sensor", 0.0, 0.0, _GRAIN, "of the step", possible=NOT_NEGATIVE)
+        yield Factor(BIAS, "sensor", 0.0, -_BIAS, _BIAS, "of the step")
+        lag = _LAG * self._dominant
+        yield Factor(LAG, "actuator", 0.0, 0.0, lag, self.plant.time_unit, possible=NOT_NEGATIVE)
+        if self.wears:
             yield Factor(PLAY, "actuator", 0.0, 0.0, _PLAY, "of the range", possible=NOT_NEGATIVE)
         if self.jitters:
             yield Factor(JITTER, "sensor", 0.0, 0.0, _JITTER, "of the period", possible=(0.0, _MOST))
@@ -142,6 +160,23 @@ class VariedLoop:
     @property
     def _loaded(self) -> bool:
         return isinstance(self.task.d, StepSignal) and bool(self.task.d.steps)
+
+    @property
+    def _dominant(self) -> float:
+        """Return the time constant that a lag of the actuators is measured by, in the plant's unit of time.
+
+        It is the slowest one in the experiment. A part that hardly moves within a twentieth of it acts as an
+        integrator: a tenth of the hours of a wall would stop any heating that acts within minutes.
+        """
+        own = self.plant.plant if isinstance(self.plant, Disturbed) else self.plant
+        point = self.task.x0, self.task.u0, self.task.disturbance(0.0)
+        J = local_system(own if isinstance(own, LinearPlant) else self.plant, *point)
+        poles = np.linalg.eigvals(J.A)
+        if J.dt:
+            poles = np.log(poles[np.abs(poles) > AT_ZERO].astype(complex)) / J.dt
+        rates, horizon = np.abs(poles), self.task.horizon
+        slowest = 1 / rates[rates * horizon >= 1.0].min(initial=np.inf)
+        return float(min(slowest or np.inf, horizon / 20))
 
     @property
     def start(self) -> Y:
@@ -178,8 +213,10 @@ class VariedLoop:
             task = replace(task, measurement_delay=(later * np.asarray(task.measurement_delay)).tolist())
         if self._noisy or noise.any():
             task = replace(task, noise=noise)
-        jitter = max(task.jitter, values.get(JITTER, 0.0))
-        return replace(task, x0=x0, u0=u0, y_ref=y_ref, d=d, max_move=moves, jitter=jitter)
+        if BIAS in values:
+            task = replace(task, bias=values[BIAS] * self._step)
+        jitter, lag = max(task.jitter, values.get(JITTER, 0.0)), values.get(LAG, 0.0)
+        return replace(task, x0=x0, u0=u0, y_ref=y_ref, d=d, max_move=moves, jitter=jitter, lag=lag)
 
     def _rest(self, plant: Plant, shift: float) -> tuple[X, U]:
         """Return where a plant rests with the outputs of the start, the first moved by `shift` steps.

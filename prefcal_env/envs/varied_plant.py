@@ -66,7 +66,7 @@ def at_rest(plant: Plant, x: X, u: U, d: Float[np.ndarray, " n_d"]) -> bool:
 # --- What varies of a plant: its parameters, dead time and the ranges of its inputs.
 
 SPEED, DELAY = "all time constants", "dead time"
-_AT_ZERO = 1e-3  # magnitude below which a discrete pole is one at 0
+AT_ZERO = 1e-3  # magnitude below which a discrete pole is one at 0
 _NOT_PARAMETERS = ("max_step", "dead_time")
 
 
@@ -80,7 +80,7 @@ def waits_inside(plant: Plant) -> bool:
     own = plant.plant if isinstance(plant, Disturbed) else plant
     if not (isinstance(own, LinearPlant) and own.sample_time):
         return False
-    return bool((np.abs(np.linalg.eigvals(own.system.A)) < _AT_ZERO).any())
+    return bool((np.abs(np.linalg.eigvals(own.system.A)) < AT_ZERO).any())
 
 
 def factors_of(plant: Plant, measuring: float | Sequence[float] = 0.0) -> Iterator[Factor]:

@@ -20,7 +20,7 @@ from prefcal_env.experiments.panels import MEAN, check_channels, check_name, com
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.plants.plant import Plant
 
-from .varied import CHANGE, Factor, Values
+from .varied import CHANGE, Factor, LeftOut, Values
 
 
 class Stage(Enum):
@@ -206,7 +206,7 @@ class Varied:
     """What can be varied of a source, and the source with other values."""
 
     factors: tuple[Factor, ...]  # what can be varied, by how much, and where the range comes from
-    left_out: tuple[str, ...]  # what cannot be, and why, a sentence each
+    left_out: tuple[LeftOut, ...]  # what cannot be, and why
     at: "Callable[[Values], Source]"  # function of values; the controller stays as it is designed
     loop: KnownLoop | None = None  # the loop without variation; None if it is not known as equations
 
@@ -484,9 +484,9 @@ class Function(Source):
         if not numbers:
             return super().varied()
         factors = (Factor.around(name, "parameter", CHANGE, value) for name, value in numbers.items())
-        said = ["only arguments of its run are varied: sensors, actuators and the task are in its code"]
+        said = [("sensors, actuators and the task", "they are in the code of the run, whose arguments vary")]
         if whole := ", ".join(name for name in found if name not in numbers):
-            said += [f"whole numbers are not varied, write 2.0 for 2 where they can be: {whole}"]
+            said += [(f"whole numbers ({whole})", "they may be counts: write 2.0 for 2 where they are not")]
         return Varied(tuple(factors), tuple(said), self._with_arguments)
 
     def _with_arguments(self, values: Values) -> Source:
@@ -593,7 +593,7 @@ class Maneuvers(Source):
         """
         parts = {name: part.varied() for name, part in self.maneuvers.items()}
         first = {f.name: f for part in reversed(parts.values()) for f in part.factors}
-        said = dict.fromkeys(text for part in parts.values() for text in part.left_out)
+        said = dict.fromkeys(row for part in parts.values() for row in part.left_out)
         at = partial(self._at, parts, first)
         return Varied(tuple(first.values()), tuple(said), at, next(iter(parts.values())).loop)
 

@@ -20,6 +20,8 @@ Ranges = Mapping[str, float | Sequence[float]]
 
 By its name, a factor changes as given; by its kind, its usual range grows as the kind's usual change does.
 """
+LeftOut = tuple[str, str]
+"""What is not varied, and why."""
 USUAL: Mapping[Kind, float] = {
     "parameter": 0.1,
     "dead time": 0.2,

@@ -21,7 +21,7 @@ from prefcal_env.study import study_path
 from prefcal_env.tables import TableColumns
 from prefcal_scenarios.described.description import listed
 from prefcal_scenarios.scenario import KPI
-from prefcal_scenarios.verification.result import EFFECTS, FILE, VARIED, Verified
+from prefcal_scenarios.verification.result import EFFECTS, FILE, NOT_VARIED, VARIED, Verified
 from prefcal_scenarios.wording import printable
 
 from .calibrate import interruption
@@ -207,8 +207,8 @@ def show(said: Verified, console: Console) -> None:
         say(console, f"  {_sentence(line)}")
     if said.varied:
         console.print(_table(VARIED, said.varied))
-    for line in said.left_out:
-        say(console, f"  {_sentence(line)}")
+    if said.left_out:
+        console.print(_table(NOT_VARIED, said.left_out))
     say(console, "What margin has it?", f"  {_sentence(said.basis)}")
     if said.margins_kept:
         say(console, f"  {said.margins_kept}")

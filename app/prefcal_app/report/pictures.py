@@ -244,10 +244,10 @@ def _fill(axes: Sequence[Axes], block: _Block, *, short: bool) -> None:
     """Draw the curves of a block; `short` titles name only the signal and its unit."""
     for place, (panel, zoomed) in zip(axes, block.rows, strict=True):
         channel = _own(panel, block.curves[0].experiment) if block.own else panel.channel
-        _limits(place, channel)
         for curve in block.curves:
             _reference(place, panel, curve.experiment)
             _draw(place, panel, curve)
+        _limits(place, channel)
         named = replace(channel, target=None, band=None, low=-np.inf, high=np.inf)
         place.set_title(panel_title(named if short else channel, zoomed=zoomed))
         if zoomed and channel.target is not None and channel.band is not None:
@@ -301,13 +301,16 @@ def _draw(axes: Axes, panel: Plot, curve: DrawnRun) -> None:
 
 def _limits(axes: Axes, channel: Channel) -> None:
     if channel.target is not None:
-        axes.axhline(channel.target, color=GOOD, linewidth=0.9, linestyle=(0, (1, 2)))
+        axes.axhline(channel.target, color=GOOD, zorder=1, linewidth=0.9, linestyle=(0, (1, 2)))
         if channel.band is not None:
             low, high = channel.target - channel.band, channel.target + channel.band
             axes.axhspan(low, high, color=GOOD, alpha=0.18, linewidth=0)
+    low, high = axes.dataLim.intervaly
+    span = high - low if high > low else np.inf  # nothing that moves needs the room
     for limit in (channel.low, channel.high):
-        if np.isfinite(limit):
-            axes.axhline(limit, color=LIMIT, linewidth=1.1, linestyle=(0, (6, 3)))
+        # A limit far away would make a line of what moves; the title names it.
+        if low - span <= limit <= high + span and np.isfinite(limit):
+            axes.axhline(limit, color=LIMIT, zorder=1, linewidth=1.1, linestyle=(0, (6, 3)))
 
 
 def panel_title(channel: Channel, *, zoomed: bool = False) -> str:

@@ -2,7 +2,7 @@
 
 import re
 from base64 import b64encode
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import cache
@@ -29,7 +29,16 @@ from prefcal_scenarios.runs import Progress
 from prefcal_scenarios.scenario import Picture, Scenario
 from prefcal_scenarios.style import png, style
 from prefcal_scenarios.verification import Verification, verify
-from prefcal_scenarios.verification.result import BEST, STATED, Verified, VerifiedRun, WorstRun, margins_said
+from prefcal_scenarios.verification.result import (
+    BEST,
+    NOT_VARIED,
+    STATED,
+    VARIED,
+    Verified,
+    VerifiedRun,
+    WorstRun,
+    margins_said,
+)
 from prefcal_scenarios.verification.result import FILE as VERIFICATION
 from prefcal_scenarios.verification.varied_runs import RUNS, replays, unvaried
 from prefcal_scenarios.wording import folder_for, knob_number, number, put, with_subscripts, with_unit
@@ -74,13 +83,18 @@ def environment(*packages: str) -> Environment:
     return made
 
 
-def page(record: StudyRecord, drawn: Sequence[Drawn]) -> str:
-    """Return the text of report.html."""
+REPORT = "report.html"
+"""Name of the file of the report."""
+
+
+def page(record: StudyRecord, drawn: Sequence[Drawn], verified: Verified | str | None = None) -> str:
+    """Return the text of report.html, with what was verified as for `sheet`."""
     view: dict[str, Any] = {"lead": lead(record), "rebuild": REBUILD}
     if record.best is not None:
         theta = theta_view(record.scenario.space, record.best.experiment)
         view |= {"theta": theta, "pid": pid_table(record), "experiments": experiment_table(record)}
         view |= {"gain": gain_of(record), "result": result_table(record)}
+        view |= {"verified": Markup(_in_report(verified))}
     if record.asked and not record.scored:
         view["comparisons"] = comparison_table(record)
     template = environment().get_template("report/report.html.j2")
@@ -188,8 +202,8 @@ def unverified(record: StudyRecord, why: str = "") -> Answers:
     return [("Other plants", f"{_RUN} {why}." if why else _RUN), ("Margins", _margins(*said))]
 
 
-def verified_answers(verified: Verified) -> Answers:
-    """Return what was verified: margins, other plants, what varied, and what nobody looked at."""
+def _verdicts(verified: Verified) -> dict[str, str]:
+    """Return both verdicts, what to do next, the worst run, and what hurts most."""
     margins = f"{verified.margins_kept} {_margins(verified.margins, verified.basis)}"
     found = {"Other plants": f"{verified.statement} {verified.limits_kept}", "Margins": margins.strip()}
     if verified.advice:
@@ -197,10 +211,46 @@ def verified_answers(verified: Verified) -> Answers:
     for worst in verified.worst[:1]:
         found["Worst run"] = f"{worst.words}{f' ({worst.verdict})' if worst.verdict else ''}: {worst.text}."
     found["Hurts most"] = next(iter(verified.effects), _UNKNOWN)
+    return found
+
+
+def verified_answers(verified: Verified) -> Answers:
+    """Return what was verified, what varied, and what nobody looked at, in words for one page."""
+    found = _verdicts(verified)
     rows = (f"{name} {span}{f' ({kind})' * (kind == STATED)}" for name, span, kind in verified.varied)
     found["Varied"] = f"{'; '.join(rows) or 'nothing'}. Beyond these ranges: {_UNKNOWN}."
-    found["Not verified"] = _sentences(verified.left_out) or "–"
+    found["Not varied"] = "; ".join(f"{what}: {why}" for what, why in verified.left_out) or "–"
     return [(question, _short(answer, "verification.json")) for question, answer in found.items()]
+
+
+def verified_tables(verified: Verified) -> dict[str, list[dict[str, Any]]]:
+    """Return tables of what `varied` and what not, and of margins and KPIs (`tables`), without empty ones."""
+
+    def made(label: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[dict[str, Any]]:
+        return (
+            [table(label, heads, [row(name, list(map(cell, cells))) for name, *cells in rows])]
+            if rows
+            else []
+        )
+
+    varied = made("What varied", VARIED, verified.varied)
+    varied += made("What was not varied, and why", NOT_VARIED, verified.left_out)
+    found = made("Stability margins", verified.margin_columns, verified.margins)
+    found += made("KPIs of the varied plants", verified.kpi_columns, verified.kpis)
+    return {"varied": varied, "tables": found}
+
+
+def _in_report(verified: Verified | str | None) -> str:
+    """Return the part of the report that a verification changes, as HTML."""
+    parts: Any
+    tables: Any
+    parts, tables = (environment().get_template(f"report/{n}.html.j2").module for n in ("parts", "tables"))
+    if not isinstance(verified, Verified):
+        made = parts.answers([("Other plants", f"{_RUN} {verified}." if verified else _RUN)])
+    else:
+        each = (t for group in verified_tables(verified).values() for t in group)
+        made = parts.answers(_verdicts(verified).items()) + Markup().join(map(tables.table, each))
+    return f"<!-- verified 0 -->{made}<!-- end -->"
 
 
 def _sentences(texts: Sequence[str]) -> str:
@@ -234,17 +284,24 @@ def section(holds: Answers, room: float) -> str:
 
 
 def refresh(folder: Path) -> None:
-    """Write what is verified of the best.json in a folder on the sheet there, if there is one.
+    """Write what is verified of the best.json in a folder on the sheet and the report there, if they are.
 
     Raises:
         ScenarioError: If verification.json cannot be read.
-        OSError: If the sheet cannot be written.
+        OSError: If one cannot be written.
     """
-    path, verified = folder / FILE, Verified.read(folder)
-    if verified is None or not path.is_file():
+    verified = Verified.read(folder)
+    if verified is None:
         return
-    holds, text = verified_answers(verified), path.read_text(encoding="utf-8")
-    put(path, _PART.sub(lambda part: section(holds, float(part[1])), text, count=1).encode())
+    _renew(folder / FILE, lambda room: section(verified_answers(verified), room))
+    _renew(folder / REPORT, lambda _: _in_report(verified))
+
+
+def _renew(path: Path, made: Callable[[float], str]) -> None:
+    """Write the part of a file anew that a verification changes, given its room in mm."""
+    if path.is_file():
+        text = path.read_text(encoding="utf-8")
+        put(path, _PART.sub(lambda part: made(float(part[1])), text, count=1).encode())
 
 
 # --- Verify the tuning of a best.json; what came of it stays beside it, and on the acceptance sheet.
@@ -584,13 +641,13 @@ def write_report(record: StudyRecord, folder: Path, extra: Sequence[Picture] = (
         (folder / stale).unlink(missing_ok=True)
     for d in drawn:
         put(folder / d.picture.file, d.content)
+    verified = None if record.best is None else _verified(folder)
     if record.best is not None:
-        put(folder / FILE, sheet(record, _verified(folder)).encode())
+        put(folder / FILE, sheet(record, verified).encode())
     else:
         (folder / FILE).unlink(missing_ok=True)
-    report = folder / "report.html"
-    put(report, page(record, drawn).encode())
-    return report
+    put(folder / REPORT, page(record, drawn, verified).encode())
+    return folder / REPORT
 
 
 def _verified(folder: Path) -> Verified | str | None:

@@ -38,7 +38,6 @@ from prefcal_app.view import (
     preview_view,
     status_view,
 )
-from prefcal_app.view.question import cell, row, table
 from prefcal_env.errors import PrefcalError, RecordError, StaleError, StudyError
 from prefcal_scenarios import verification
 
@@ -374,11 +373,7 @@ def _view(said: "verification.result.Verified", folder: Path) -> dict[str, Any]:
         "margins": said.margins_kept,
         "advice": list(said.advice),
         "basis": said.basis,
-        "varied": _tables(("What varied", verification.result.VARIED, said.varied)),
-        "tables": _tables(
-            ("Stability margins", said.margin_columns, said.margins),
-            ("KPIs of the varied plants", said.kpi_columns, said.kpis),
-        ),
+        **report.write.verified_tables(said),
         "effects": list(said.effects[: verification.result.EFFECTS]),
         "worst": [
             {
@@ -390,17 +385,7 @@ def _view(said: "verification.result.Verified", folder: Path) -> dict[str, Any]:
             }
             for each, name in zip(said.worst, map(report.write.picture, count()), strict=False)
         ],
-        "left_out": list(said.left_out),
     }
-
-
-def _tables(*given: tuple[str, Sequence[str], Sequence[Sequence[str]]]) -> list[dict[str, Any]]:
-    """Return the tables with these labels, headings and rows, without empty ones."""
-    return [
-        table(label, heads, [row(name, list(map(cell, cells))) for name, *cells in rows])
-        for label, heads, rows in given
-        if rows
-    ]
 
 
 # --- Handle the requests of the page's script.

@@ -297,9 +297,9 @@ class FMULoop:
                 "its FMU has no other real parameters with a value: export those of the plant"
             )
         wider = self.with_knobs([Knob(f.name, f.low, f.high, f.unit) for f in factors])
-        said = ["only parameters of the FMU are varied: sensors, actuators and the task are in it"]
+        said = [("sensors, actuators and the task", "they are in the FMU, whose parameters vary")]
         if fixed := ", ".join(v.name for v in free if not v.start):
-            said += [f"parameters of the FMU without a value, or with 0, are not varied: {fixed}"]
+            said += [(f"further parameters ({fixed})", "the FMU gives them no value, or 0")]
         return Varied(factors, tuple(said), partial(wider._with_parameters, factors))
 
     def _with_parameters(self, factors: Sequence[Factor], values: Values) -> Source:

@@ -16,7 +16,7 @@ from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import End
 from prefcal_env.plain import from_plain, to_plain
 from prefcal_env.sources.source import Varied
-from prefcal_env.sources.varied import Factor
+from prefcal_env.sources.varied import Factor, LeftOut
 from prefcal_scenarios.runs import HasKPIs
 from prefcal_scenarios.scenario import KPI, Scenario
 from prefcal_scenarios.wording import knob_number, labeled, limits_text, number, objective, quantity
@@ -92,7 +92,7 @@ class Verification:
         scenario: Name of the scenario.
         kpis: KPIs with their objectives.
         factors: What varied, uniformly and independently.
-        left_out: What did not, a sentence each.
+        left_out: What did not, and why.
         planned: Number of random runs that were asked for.
         tuning: How the tuning fares.
         before: How the current tuning does on the same plants; None if it is not known.
@@ -102,7 +102,7 @@ class Verification:
     scenario: str
     kpis: tuple[KPI, ...]
     factors: tuple[Factor, ...]
-    left_out: tuple[str, ...]
+    left_out: tuple[LeftOut, ...]
     planned: int
     tuning: Robustness
     before: Robustness | None
@@ -326,6 +326,8 @@ FILE, BEST = "verification.json", "best.json"
 """Names of the files of a verification and of its tuning, in one folder."""
 VARIED, STATED = ("what varied", "between", "range is"), "stated"
 """Headings of the rows of what varied: name, range with its unit, and whether it is the usual one."""
+NOT_VARIED = ("what was not varied", "why")
+"""Headings of the rows of what did not vary."""
 _NAMED = 6  # number of values of a run that are named
 
 
@@ -384,7 +386,7 @@ class Verified:
     effects: tuple[str, ...]  # what each factor does alone, the one that hurts most first, a text each
     worst: tuple[WorstRun, ...]  # the worst random runs, the worst first
     varied: tuple[tuple[str, str, str], ...]  # a row for each thing that varied, as in `VARIED`
-    left_out: tuple[str, ...]  # what did not, a sentence each
+    left_out: tuple[LeftOut, ...]  # a row for each thing that did not, as in `NOT_VARIED`
     scenario: str  # name of the scenario
     version: str  # version of prefcal
     best: str  # SHA-256 of the best.json, in hexadecimal digits
@@ -419,7 +421,7 @@ class Verified:
             effects=tuple(map(_effect, found.effects)),
             worst=tuple(WorstRun.of(run, found.factors) for run in found.worst()),
             varied=tuple((f.name, _range(f), STATED if f.stated else "usual") for f in found.factors),
-            left_out=(*found.left_out, *(f"{name} changes no KPI here" for name in found.idle)),
+            left_out=(*found.left_out, *((name, "it changes no KPI here") for name in found.idle)),
             scenario=found.scenario,
             version=version,
             best=best,

@@ -16,7 +16,7 @@ from prefcal_env.experiments.experiment import Experiment, returned
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preferences.answer import Outcome, Reading
 from prefcal_env.sources.source import RIG, Source, Varied
-from prefcal_env.sources.varied import Factor, Ranges, Values, drawn, within
+from prefcal_env.sources.varied import Factor, LeftOut, Ranges, Values, drawn, within
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.isolated import DEFAULT_LIMIT
 from prefcal_scenarios.runs import FailedRun, HasKPIs, Progress, simulate_iter, simulate_many
@@ -191,7 +191,7 @@ def unvaried(scenario: Scenario, theta: Float[np.ndarray, " n"], made: HasKPIs) 
     """Return what can be said of a run of a rig or a live plant: whether it kept the stated limits."""
     problems = problems_of(scenario.kpis, made, None)
     tuning = Robustness(theta, VerifiedRun({}, 0, made.end, made.kpis, problems), UNKNOWN)
-    return Verification(scenario.name, scenario.kpis, (), (RIG,), 0, tuning, None, ())
+    return Verification(scenario.name, scenario.kpis, (), (("the plant", RIG),), 0, tuning, None, ())
 
 
 def replay(scenario: Scenario | str | Source, theta: Float[np.ndarray, " n"], run: VerifiedRun) -> Experiment:
@@ -300,7 +300,7 @@ def _nominally(
 
 def _fair(
     scenario: Scenario, known: Varied, factors: tuple[Factor, ...], tuning: Robustness, timeout: float | None
-) -> tuple[tuple[Factor, ...], list[str]]:
+) -> tuple[tuple[Factor, ...], list[LeftOut]]:
     """Return the factors without those of two values that the nominal plant cannot stand either.
 
     A room that only cools by itself settles late after a step down, whatever its controller.
@@ -310,9 +310,8 @@ def _fair(
         case = _Case(0, {factor.name: factor.low}, nominal.seed)
         (made,) = _experiments(Variations(known.at, [tuning.theta], [case]), timeout)
         if problems := set(problems_of(scenario.kpis, made, nominal)) - set(nominal.problems):
-            why = "; ".join(sorted(problems))
-            said[factor.name] = f"{factor.name} is not varied: turned, the nominal plant fails, too ({why})"
-    return tuple(factor for factor in factors if factor.name not in said), list(said.values())
+            said[factor.name] = f"turned, the nominal plant fails, too ({'; '.join(sorted(problems))})"
+    return tuple(factor for factor in factors if factor.name not in said), list(said.items())
 
 
 def _seconds(scenario: Scenario, theta: Float[np.ndarray, " n"], clock: Callable[[], float]) -> float:

@@ -6,9 +6,12 @@ from dataclasses import replace
 
 import pytest
 
-from prefcal_app.report.write import judge, picture, verify_best
+from prefcal_app.report.write import judge, picture, refresh, verify_best, write_report
+from prefcal_env.disk import digest_of
 from prefcal_env.errors import ScenarioError, SettingsError, StaleError
 from prefcal_scenarios.verification.result import BEST, Verified
+from support.verified import FOUND
+from toy_study import toy_record
 
 LAG = {"K": 2.0, "T_i": 20.0, "T_d": 3.0, "T_f": 3.0, "b": 0.5, "T_t": 20.0}
 
@@ -126,3 +129,19 @@ def run(theta, seed=0):
 
 SCENARIO = Scenario("mine", "Mine", KnobSpace([Knob("gain", 0, 5)]), run, kpis=(KPI("end", "end"),))
 """
+
+
+def test_sheet_and_report_say_what_was_verified_from_one_list_also_when_it_is_known_later(tmp_path):
+    record = toy_record()
+    write_report(record, tmp_path)
+    assert "Run prefcal verify" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    replace(FOUND, best=digest_of(tmp_path / BEST)).write(tmp_path)
+    refresh(tmp_path)
+    for name in ("report.html", "acceptance.html"):
+        text = (tmp_path / name).read_text(encoding="utf-8")
+        for each in (FOUND.statement, *(cell for row in FOUND.left_out for cell in row)):
+            assert each in text, (name, each)
+        assert "Run prefcal verify" not in text
+        later = text
+        write_report(record, tmp_path)
+        assert (tmp_path / name).read_text(encoding="utf-8") == later

@@ -44,11 +44,11 @@ const going = ({ done, planned }) => [el("p", {}, planned ? `${done} of ${planne
   el("progress", { max: planned || 1, value: planned ? done : null, "aria-label": "Runs on varied plants" }),
   el("p", { class: "actions" }, button("Stop and keep these", () => show(() => post("stop_verifying", {}, false))))];
 
-function said({ best, statement, limits, margins, advice, basis, varied, tables, effects, worst, left_out }) {
+function said({ best, statement, limits, margins, advice, basis, varied, tables, effects, worst }) {
   const tabled = (each) => [el("h5", {}, each.label), shownTable(each)];
   const list = (title, lines) => (lines.length ? [el("h5", {}, title), el("ul", { class: "plain" }, lines.map((text) => el("li", {}, symbol(text))))] : []);
   return [el("h5", {}, "Does it hold?"), el("p", { class: "statement" }, statement), el("p", { class: "faint" }, limits),
-    list("What to do next", advice), varied.map(tabled), list("What did not vary", left_out),
+    list("What to do next", advice), varied.map(tabled),
     el("h5", {}, "What margin has it?"), el("p", { class: "statement" }, symbol(margins)), el("p", { class: "faint" }, `${basis}.`),
     worst.length ? el("h5", {}, "The worst runs, beside the nominal one: acceptable?") : null, worst.map((each, k) => run(each, k, best)),
     tables.map(tabled), list("What hurts most, one at a time", effects),

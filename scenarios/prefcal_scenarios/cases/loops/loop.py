@@ -441,10 +441,11 @@ class Loop:
         return self.disturbance.steps[0][0]
 
     def noise(self, seed: int) -> Float[np.ndarray, "K n_y"]:
-        """Return the noise of the measured states at every instant, shape (K, n_y)."""
+        """Return noise and bias of the measured states at every instant, shape (K, n_y)."""
         assert self.task.noise is not None
         drawn = np.random.default_rng(seed).standard_normal((len(self.t), len(self.task.noise)))
-        return np.asarray(drawn * self.task.noise)
+        made = np.asarray(drawn * self.task.noise)
+        return made if self.task.bias is None else made + self.task.bias
 
     def run(
         self, theta: Float[np.ndarray, " n"], seed: int = 0, space: KnobSpace | None = None
@@ -490,9 +491,8 @@ class Loop:
         loop = VariedLoop(
             plant, self.task, partial(self._built, space), self.controller_of, wears=law, moves=moves
         )
-        ideal = "sensors and actuators of an MPC are ideal here: only noise and ranges are varied"
-        near = "start, size and direction of the step are not varied: a limit is near the target"
-        return loop.varied(*([] if law else [ideal]), *([] if moves else [near]))
+        ideal = "resolution of sensors, backlash", "they are not simulated for an MPC of these loops"
+        return loop.varied(*([] if law else [ideal]))
 
     def _built(
         self,
@@ -544,7 +544,7 @@ class Loop:
             (*plant.packed, np.array(plant.measured, dtype=np.int64)),
             (*gains, self._actuator_rows(), np.array(self.resolution, dtype=float)),
             (self._y_ref, self._d, self.noise(seed)),
-            (plant.max_step, hold, self._delay),
+            (plant.max_step, hold, self._delay, task.lag),
             (task.x0.copy(), task.u0.copy(), limits_of(plant.states)),
         )
         steps = len(range(0, max(valid - 1, 0), hold))  # the last instant decides none
@@ -563,7 +563,8 @@ class Loop:
         (low, high), measured = limits_of(plant.inputs).T, list(plant.measured)
         reference, disturbance = self._y_ref, self._d
         x, u = np.zeros((len(t), len(plant.states))), np.zeros((len(t), len(plant.inputs)))
-        history, safe = (x, u, self.task.u0.copy(), disturbance), limits_of(plant.states)
+        history = (x, u, self.task.u0.copy(), disturbance, self.task.u0.copy())
+        safe, timing = limits_of(plant.states), (plant.max_step, self._delay, self.task.lag)
         x[0], now, valid = self.task.x0, self.task.u0, 1
         steps: list[tuple[int, float, bool]] = []
         for k in range(0, len(t) - 1, hold):
@@ -578,7 +579,7 @@ class Loop:
             steps.append((move.iterations, took, usable))
             last = min(k + hold, len(t) - 1)
             u[k : last + 1] = now
-            valid, stopped = advance(plant.packed, plant.max_step, self._delay, (k, last), history, safe)
+            valid, stopped = advance(plant.packed, timing, (k, last), history, safe)
             if stopped:
                 break
         each = (np.array(column) for column in zip(*steps, strict=True))
@@ -659,7 +660,7 @@ def limits_of(channels: Sequence[Channel]) -> Float[np.ndarray, "n 2"]:
 def _kernels() -> Iterator[Kernel]:
     vector, matrix = "f8[::1]", "f8[:,::1]"
     control, start = f"Tuple((i8, {matrix}, {matrix}, {vector}))", f"Tuple(({vector}, {vector}, {matrix}))"
-    signals, timing = f"UniTuple({matrix}, 3)", "Tuple((f8, i8, i8))"
+    signals, timing = f"UniTuple({matrix}, 3)", "Tuple((f8, i8, i8, f8))"
     types = f"(Tuple((i8, {vector}, i8[::1])), {control}, {signals}, {timing}, {start})"
     yield Kernel("closed loop", simulate, types)
 

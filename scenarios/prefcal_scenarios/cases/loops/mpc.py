@@ -62,8 +62,8 @@ class TunedMPC:
 
 def _kernels() -> Iterator[Kernel]:
     vector, matrix = "f8[::1]", "f8[:,::1]"
-    history = f"Tuple(({matrix}, {matrix}, {vector}, {matrix}))"
-    yield Kernel("plant", advance, f"(Tuple((i8, {vector})), f8, i8, UniTuple(i8, 2), {history}, {matrix})")
+    history, timing = f"Tuple(({matrix}, {matrix}, {vector}, {matrix}, {vector}))", "Tuple((f8, i8, f8))"
+    yield Kernel("plant", advance, f"(Tuple((i8, {vector})), {timing}, UniTuple(i8, 2), {history}, {matrix})")
     yield Kernel("predicted states", hold, f"(i8, {', '.join([vector] * 5)}, f8)")
     compile_equations()
     yield from of_the_filter()

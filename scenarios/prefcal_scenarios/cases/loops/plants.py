@@ -352,18 +352,18 @@ def simulate(plant, control, signals, timing, start):  # type: ignore[no-untyped
         control: Kind of law, its gains (rows, columns), the actuators (0 or n_u, 4), see
             `_laws.moved`, and the resolution of the measured states (0 or n_m,).
         signals: Reference (K, n_m), disturbance (K, n_d) and measurement noise (K, n_m).
-        timing: Step, steps in a sampling period, and steps of dead time of the inputs.
+        timing: Step, steps in a sampling period, steps of dead time, and time constant of the actuators.
         start: State (n_x,) and inputs (n_u,) at the start, and limits of the states (n_x, 2).
     """
     kind, p, measured = plant
     law, gains, actuators, resolution = control
     reference, disturbance, noise = signals
-    dt, hold, delay = timing
+    dt, hold, delay, lag = timing
     x0, u0, limits = start
     count, n_x = len(reference), len(x0)
     x, u = np.zeros((count, n_x)), np.zeros((count, len(u0)))
     memory, y = np.zeros((len(gains), MEMORY)), np.zeros(len(measured))
-    work = np.zeros((5, n_x))
+    work, reached, held = np.zeros((5, n_x)), u0.copy(), u0.copy()
     _copy(x0, x[0])
     for k in range(count):
         if k % hold == 0:
@@ -378,7 +378,8 @@ def simulate(plant, control, signals, timing, start):  # type: ignore[no-untyped
             _copy(u[k - 1], u[k])
         if k + 1 < count:
             applied = u[k - delay] if k >= delay else u0
-            _step(kind, p, x[k], applied, disturbance[k], dt, work, x[k + 1])
+            _lagged(applied, lag, dt, reached, held)
+            _step(kind, p, x[k], held, disturbance[k], dt, work, x[k + 1])
             inside, finite = _within(x[k + 1], limits)
             if not inside:
                 if finite:
@@ -392,6 +393,15 @@ def _copy(source, target):  # type: ignore[no-untyped-def]
     """Copy a vector: assigning to a slice would take seconds to compile."""
     for i in range(len(source)):
         target[i] = source[i]
+
+
+@inner()
+def _lagged(u, lag, dt, reached, held):  # type: ignore[no-untyped-def]
+    """Move actuators on towards `u`, and write their mean meanwhile to `held`."""
+    for j in range(len(u)):
+        missing = reached[j] - u[j]
+        reached[j] = u[j] + missing * math.exp(-dt / lag) if lag > 0.0 else u[j]
+        held[j] = u[j] + missing * (1.0 - math.exp(-dt / lag)) * lag / dt if lag > 0.0 else u[j]
 
 
 @inner()
@@ -425,27 +435,28 @@ def _within(x, limits):  # type: ignore[no-untyped-def]
 
 
 @kernel()
-def advance(plant, dt, delay, at, history, limits):  # type: ignore[no-untyped-def]
+def advance(plant, timing, at, history, limits):  # type: ignore[no-untyped-def]
     """Simulate one sampling period, writing to `x`.
 
     Return how many instants are valid, and whether the simulation stops there.
 
     Args:
         plant: Kind and parameters.
-        dt: Step.
-        delay: Steps of dead time of the inputs.
+        timing: Step, steps of dead time of the inputs, and time constant of the actuators.
         at: First instant of the period and of the next one.
         history: States (K, n_x), inputs (K, n_u), written up to the end of the period, inputs
-            before the start (n_u,), and disturbances (K, n_d).
+            before the start (n_u,), disturbances (K, n_d), and where the actuators are (n_u,).
         limits: Limits of the states (n_x, 2).
     """
     kind, p = plant
     first, last = at
-    x, u, u0, disturbance = history
-    work = np.zeros((5, x.shape[1]))
+    dt, delay, lag = timing
+    x, u, u0, disturbance, reached = history
+    work, held = np.zeros((5, x.shape[1])), u0.copy()
     for k in range(first, last):
         applied = u[k - delay] if k >= delay else u0
-        _step(kind, p, x[k], applied, disturbance[k], dt, work, x[k + 1])
+        _lagged(applied, lag, dt, reached, held)
+        _step(kind, p, x[k], held, disturbance[k], dt, work, x[k + 1])
         inside, finite = _within(x[k + 1], limits)
         if not inside:
             return k + 2 if finite else k + 1, True

@@ -127,9 +127,12 @@ def _varied(fixed: Fixed, options: OvertakeOptions | None, space: KnobSpace = SP
         Factor("start beside the center line", "task", 0.0, -0.3, 0.3, "m"),
         Factor("heading at the start", "task", 0.0, -0.03, 0.03, "rad"),
     )
-    said = "sensors and actuators of the car are ideal, and the obstacle drives as in the paper"
+    said = (
+        ("sensors and actuators of the car", "they are ideal here"),
+        ("obstacle", "it drives as in the paper"),
+    )
     drive = partial(run, fixed=fixed, space=space)
-    return Varied(factors, (said,), partial(_in_scene, drive, scene, factors))
+    return Varied(factors, said, partial(_in_scene, drive, scene, factors))
 
 
 def _in_scene(
