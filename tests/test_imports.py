@@ -87,6 +87,7 @@ SHORT = {
     "app/prefcal_app/__main__.py": "what `python -m prefcal_app` runs",
     "prefcal_env/disk.py": "durable writing, which all others rely on and nothing else may do",
     "prefcal_env/on_first_use.py": "imported with every package: it loads nothing",
+    "prefcal_env/study/beside.py": "what may be lost, for the session and for the pool of simulations",
     "prefcal_env/worlds/control.py": "an optional world",
     "prefcal_env/worlds/do_mpc.py": "an optional world",
     "scenarios/prefcal_scenarios/worlds/live.py": "an optional world",

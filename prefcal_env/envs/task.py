@@ -187,6 +187,10 @@ class Task:
             object.__setattr__(self, "T_s", min(max(self.horizon / 200, low), high))
         if self.dense_step is None:
             object.__setattr__(self, "dense_step", self.horizon / 500)
+        self._check()
+
+    def _check(self) -> None:
+        """Refuse values that cannot be. Raises SettingsError."""
         for name in ("horizon", "dense_step"):
             if not 0 < getattr(self, name) < np.inf:
                 raise SettingsError(f"task: {name} must be positive and finite, got {getattr(self, name)}")
@@ -202,7 +206,6 @@ class Task:
             raise SettingsError(f"task: lag must be 0 or more and finite, got {self.lag}")
         if self.preview < 0:
             raise SettingsError(f"task: preview must be 0 or more rows, got {self.preview}")
-        # Last, since T_s and its range may just have been derived.
         self.sampling_time(self.T_s)
 
     def sampling_time(self, T_s: Any) -> float:

@@ -23,15 +23,24 @@ class TunedMPC:
     The knobs are N_p (prediction horizon, steps), N_u (control horizon, steps; at most N_p),
     Q_du (weight of the moves), Q_1, Q_2, ... (weights q of the measured states), drift (how much
     the disturbances change in one unit of time, as a share of their scales), and T_s.
+
+    Args:
+        scales: Scale s of each measured state.
+        moves: Scale m of each input.
+        noise: Standard deviation of the noise of each measured state.
+        process: Error of the model over one unit of time, for each state.
+        on_outputs: Indices of the measured states with a disturbance.
+        on_inputs: Indices of the inputs with a disturbance.
+        fixed: Values that are not tuned.
     """
 
-    scales: tuple[float, ...]  # scale s of each measured state
-    moves: tuple[float, ...]  # scale m of each input
-    noise: tuple[float, ...]  # standard deviation of the noise of each measured state
-    process: tuple[float, ...]  # error of the model over one unit of time, for each state
-    on_outputs: tuple[int, ...] = ()  # indices of the measured states with a disturbance
-    on_inputs: tuple[int, ...] = ()  # indices of the inputs with a disturbance
-    fixed: KnobValues = field(default_factory=dict)  # values that are not tuned
+    scales: tuple[float, ...]
+    moves: tuple[float, ...]
+    noise: tuple[float, ...]
+    process: tuple[float, ...]
+    on_outputs: tuple[int, ...] = ()
+    on_inputs: tuple[int, ...] = ()
+    fixed: KnobValues = field(default_factory=dict)
 
     def make(self, values: KnobValues, plant: CompiledPlant, task: Task, T_s: float) -> EstimatingMPC:
         """Return the controller, which has a memory: it serves one experiment.

@@ -414,7 +414,7 @@ def run(gains, *, target=1.0, d=0.0, noise=None, delay=0, hold=1, limits=WIDE, l
             np.full((count, 1), d),
             np.zeros((count, 1)) if noise is None else noise,
         ),
-        (dt, hold, delay),
+        (dt, hold, delay, 0.0),
         (np.zeros(1), np.zeros(1), limits),
     )
 
