@@ -13,9 +13,9 @@ the digests of the revision before your change on the same machine, and compare 
 A digest covers every query (θ of both sides, exactly), every answer and the best θ. Studies that
 only one feature can change are separate, so that the names show what a deliberate change affects.
 
-benchmarks/recorded holds studies that people and plants made: at a page, on a rig, robust, on a live
-plant, by several raters. `--decisions` goes through their events, and asks the agent of this code for
-each decision: the next θ, the next pair, which one is the best, whether it is over. One that differs
+benchmarks/recorded holds a small study of each kind: at a page, on a rig, robust, on a live plant, by
+several raters. `--decisions` goes through their events, and asks the agent of this code for each
+decision: the next θ, the next pair, which one is the best, whether it is over. One that differs
 is a stated change of results or a fault. Each release adds a study of what it can do anew.
 """
 

@@ -32,7 +32,7 @@ from prefcal_scenarios.verification import Verification, verify
 from prefcal_scenarios.verification.result import (
     BEST,
     NOT_VARIED,
-    STATED,
+    USUAL,
     VARIED,
     Verified,
     VerifiedRun,
@@ -217,7 +217,7 @@ def _verdicts(verified: Verified) -> dict[str, str]:
 def verified_answers(verified: Verified) -> Answers:
     """Return what was verified, what varied, and what nobody looked at, in words for one page."""
     found = _verdicts(verified)
-    rows = (f"{name} {span}{f' ({kind})' * (kind == STATED)}" for name, span, kind in verified.varied)
+    rows = (f"{name} {span}{f' ({kind})' * (kind != USUAL)}" for name, span, kind in verified.varied)
     found["Varied"] = f"{'; '.join(rows) or 'nothing'}. Beyond these ranges: {_UNKNOWN}."
     found["Not varied"] = "; ".join(f"{what}: {why}" for what, why in verified.left_out) or "–"
     return [(question, _short(answer, "verification.json")) for question, answer in found.items()]

@@ -1,7 +1,7 @@
 """What came of a verification: frozen data, what follows from it, and what is kept of it."""
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
@@ -324,7 +324,7 @@ EFFECTS = 4
 """Number of factors that people are shown, those that hurt most."""
 FILE, BEST = "verification.json", "best.json"
 """Names of the files of a verification and of its tuning, in one folder."""
-VARIED, STATED = ("what varied", "between", "range is"), "stated"
+VARIED, USUAL = ("what varied", "between", "range is"), "usual"
 """Headings of the rows of what varied: name, range with its unit, and whether it is the usual one."""
 NOT_VARIED = ("what was not varied", "why")
 """Headings of the rows of what did not vary."""
@@ -420,8 +420,8 @@ class Verified:
             basis=basis,
             effects=tuple(map(_effect, found.effects)),
             worst=tuple(WorstRun.of(run, found.factors) for run in found.worst()),
-            varied=tuple((f.name, _range(f), STATED if f.stated else "usual") for f in found.factors),
-            left_out=(*found.left_out, *((name, "it changes no KPI here") for name in found.idle)),
+            varied=tuple((f.name, _range(f), _kind(f, found.idle)) for f in found.factors),
+            left_out=found.left_out,
             scenario=found.scenario,
             version=version,
             best=best,
@@ -530,6 +530,12 @@ def _sensitivity(m: Margins) -> float:
 def _range(factor: Factor) -> str:
     between = "or" if factor.ends else "to"
     return f"{number(factor.low)} {between} {quantity(factor.high, factor.unit)}"
+
+
+def _kind(factor: Factor, idle: Collection[str]) -> str:
+    """Return where the range of a factor comes from, and whether the factor alone matters at all."""
+    said = "stated" if factor.stated else USUAL
+    return f"{said}, no effect alone" if factor.name in idle else said
 
 
 def _effect(each: Effect) -> str:
