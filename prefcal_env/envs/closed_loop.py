@@ -27,7 +27,7 @@ from prefcal_env.wording import brief, place_in_code
 
 from .plant_env import PlantEnv
 from .task import Task
-from .varied_loop import VariedLoop, Worn, moves_of
+from .varied_loop import STEP, VariedLoop, Worn, moves_of
 
 
 class ClosedLoopEnv(Protocol):
@@ -200,8 +200,7 @@ class ClosedLoop:
         # Only KPIs that can be measured around another step let the step vary.
         targets = getattr(self.kpis, "targets", ()) if hasattr(self.kpis, "around") else ()
         moves = moves_of(plant, task, plant.outputs, targets) if targets else ()
-        step = "start, size and direction of the step"
-        said = () if targets else ((step, "the KPIs cannot be measured around another step"),)
+        said = () if targets else ((STEP, "the KPIs cannot be measured around another step"),)
         jitters = not getattr(plant, "sample_time", 0.0)
         loop = VariedLoop(plant, task, self._built, self.controller, jitters=jitters, moves=moves)
         return loop.varied(*said)

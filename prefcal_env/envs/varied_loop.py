@@ -34,18 +34,8 @@ LAG, _LAG = "lag of the actuators", 0.1
 JITTER, _JITTER, _MOST = "sampling jitter", 0.1, 0.49
 """Largest jitter, as a share of the period: the usual and the possible one."""
 MOVE, SHIFT, REFERENCE, DIRECTION = "rate of the actuators", "start", "size of the step", "direction"
-TURN = "direction of the load"
+TURN, STEP = "direction of the load", "start, size and direction of the step"
 _ROOM = 2.0  # distance of a limit from start and targets, in steps, that leaves room for other references
-UNMODELED: tuple[LeftOut, ...] = (
-    (
-        "what the model lacks, such as a resonance",
-        "nobody stated it: M_s and disk margin say how much is bearable",
-    ),
-    ("other loops, also with a wrong sign", "they are not in the model"),
-    ("actuators that differ up and down, or stick", "they are as modeled"),
-    ("failures of sensors and actuators", "they are not simulated"),
-)
-"""What no factor is for."""
 Build = Callable[[Disturbed, Task, Y, U], Source]
 """Function of plant, task, resolution of the sensors, shape (n_y,), and half backlash of the
 actuators, shape (n_u,), that returns the loop; the controller stays as it is designed."""
@@ -101,15 +91,15 @@ class VariedLoop:
         late, waits = latest(self.plant, self.task.measurement_delay) > 0, waits_inside(self.plant)
         near = "the plant cannot rest there within its limits, or one is near"
         missing: dict[LeftOut, bool] = {
-            (DELAY, "none is stated; more of it acts as the lag does: see the delay margin"): late or waits,
+            (DELAY, "none is stated; more would act like the lag: see the delay margin"): late or waits,
             ("dead time in the states (poles at 0)", "state it as a delay"): not waits,
             (MOVE, "none is stated"): self.task.max_move is not None,
             ("size and direction of the load", "the task has no steps of one"): self._loaded,
             (JITTER, "a period has one length here"): self.jitters,
-            ("start, size and direction of the step", near): bool(self.moves or said),
+            (STEP, near): bool(self.moves) or STEP in dict(said),
             (DIRECTION, near): not self.moves or DIRECTION in self.moves,
         }
-        left_out = (*said, *(row for row, there in missing.items() if not there), *UNMODELED)
+        left_out = (*said, *(row for row, there in missing.items() if not there))
         factors = (*factors_of(self.plant, self.task.measurement_delay), *self._others())
         return Varied(factors, left_out, self.at, self)
 
@@ -165,12 +155,16 @@ class VariedLoop:
     def _dominant(self) -> float:
         """Return the time constant that a lag of the actuators is measured by, in the plant's unit of time.
 
-        It is the slowest one in the experiment. A part that hardly moves within a twentieth of it acts as an
-        integrator: a tenth of the hours of a wall would stop any heating that acts within minutes.
+        It is the slowest one that is not longer than the experiment, and a twentieth of that at most: slower
+        parts act as integrators meanwhile. A tenth of the hours of a wall would stop any heating that acts
+        within minutes.
         """
         own = self.plant.plant if isinstance(self.plant, Disturbed) else self.plant
         point = self.task.x0, self.task.u0, self.task.disturbance(0.0)
-        J = local_system(own if isinstance(own, LinearPlant) else self.plant, *point)
+        try:
+            J = local_system(own if isinstance(own, LinearPlant) else self.plant, *point)
+        except PlantError:  # such as the outflow of an empty tank, whose derivative is infinite
+            return self.task.horizon / 20
         poles = np.linalg.eigvals(J.A)
         if J.dt:
             poles = np.log(poles[np.abs(poles) > AT_ZERO].astype(complex)) / J.dt
@@ -214,8 +208,9 @@ class VariedLoop:
         if self._noisy or noise.any():
             task = replace(task, noise=noise)
         if BIAS in values:
-            task = replace(task, bias=values[BIAS] * self._step)
-        jitter, lag = max(task.jitter, values.get(JITTER, 0.0)), values.get(LAG, 0.0)
+            own = 0.0 if task.bias is None else task.bias
+            task = replace(task, bias=own + values[BIAS] * self._step)
+        jitter, lag = max(task.jitter, values.get(JITTER, 0.0)), task.lag + values.get(LAG, 0.0)
         return replace(task, x0=x0, u0=u0, y_ref=y_ref, d=d, max_move=moves, jitter=jitter, lag=lag)
 
     def _rest(self, plant: Plant, shift: float) -> tuple[X, U]:

@@ -593,7 +593,8 @@ class Maneuvers(Source):
         """
         parts = {name: part.varied() for name, part in self.maneuvers.items()}
         first = {f.name: f for part in reversed(parts.values()) for f in part.factors}
-        said = dict.fromkeys(row for part in parts.values() for row in part.left_out)
+        # What varies in one maneuver does vary, even if another one lacks it.
+        said = dict.fromkeys(row for p in parts.values() for row in p.left_out if row[0] not in first)
         at = partial(self._at, parts, first)
         return Varied(tuple(first.values()), tuple(said), at, next(iter(parts.values())).loop)
 

@@ -22,6 +22,13 @@ By its name, a factor changes as given; by its kind, its usual range grows as th
 """
 LeftOut = tuple[str, str]
 """What is not varied, and why."""
+UNMODELED: tuple[LeftOut, ...] = (
+    ("what the model lacks, such as a resonance", "nobody stated it: the margins say how much is bearable"),
+    ("other loops, also with a wrong sign", "they are not in the model"),
+    ("actuators that differ up and down, or stick", "they are as modeled"),
+    ("failures of sensors and actuators", "they are not simulated"),
+)
+"""What no factor is for, of any source."""
 USUAL: Mapping[Kind, float] = {
     "parameter": 0.1,
     "dead time": 0.2,

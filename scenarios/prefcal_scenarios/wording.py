@@ -22,6 +22,7 @@ from .scenario import KPI
 # --- Format numbers and names for terminals, HTML and plots.
 
 _SUBSCRIPTED = re.compile(r"([^\W_]+)_(\w+)")
+_SYMBOL = re.compile(r"(?<![\w./:-])([A-Za-z])_(\w{1,2})(?!\w|[./:]\w)")
 
 MISSING = "–"
 """Text of a value that is not known."""
@@ -147,6 +148,11 @@ def with_subscripts(name: str) -> Markup:
     """Return `name` for HTML, escaped, with the part after an underscore as a subscript."""
     # On plain text: Markup would escape the tags that are inserted.
     return Markup(_SUBSCRIPTED.sub(r"\1<sub>\2</sub>", str(escape(name))))
+
+
+def symbols_in(text: str) -> Markup:
+    """Return a sentence for HTML, escaped, with symbols such as K_p; names of files stay as they are."""
+    return Markup(_SYMBOL.sub(r"\1<sub>\2</sub>", str(escape(text))))
 
 
 def knob_axis(knob: Knob) -> str:

@@ -24,7 +24,7 @@ from prefcal_env.experiments.panels import without_record
 from prefcal_env.knobs import KnobSpace
 from prefcal_scenarios import Panel
 from prefcal_scenarios.style import canvas
-from prefcal_scenarios.wording import folder_for, measured, with_subscripts
+from prefcal_scenarios.wording import folder_for, measured, symbols_in, with_subscripts
 from support.pages import Outline, assert_accessible
 from toy_study import toy_record, toy_scenario
 
@@ -77,6 +77,14 @@ def test_what_follows_an_underscore_is_a_subscript(page):
     assert "T<sub>s</sub>" in page
     assert "&lt;sub" not in page
     assert with_subscripts("a<b_c & d") == "a&lt;b<sub>c</sub> &amp; d"
+
+
+def test_symbols_in_sentences_have_subscripts_and_names_of_files_stay():
+    said = symbols_in("M_s ≤ 2 (K_p, T_i): docs/own_scenario.py:my_loop and x_1.py stay. Then T_d.")
+    assert said == (
+        "M<sub>s</sub> ≤ 2 (K<sub>p</sub>, T<sub>i</sub>): docs/own_scenario.py:my_loop and x_1.py stay. "
+        "Then T<sub>d</sub>."
+    )
 
 
 def test_no_text_of_a_study_becomes_markup():

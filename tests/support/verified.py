@@ -1,5 +1,6 @@
 """What a verification found, for tests of what is kept and shown of it."""
 
+from prefcal_env.sources.varied import UNMODELED
 from prefcal_scenarios.verification.result import Verified, WorstRun
 
 FOUND = Verified(
@@ -18,7 +19,7 @@ FOUND = Verified(
     effects=("dead time (4.8 to 7.2 s): overshoot",),
     worst=(WorstRun("settling time misses its objective", {"dead time": 7.1}, 3, "acceptable"),),
     varied=(("dead time", "4.8 to 7.2 s", "stated"), ("noise of the sensors", "0 to 0.2 %", "usual")),
-    left_out=(("sampling jitter", "a period has one length here"),),
+    left_out=(("sampling jitter", "a period has one length here"), *UNMODELED),
     scenario="toy",
     version="1.0",
     best="",

@@ -247,7 +247,7 @@ def _fill(axes: Sequence[Axes], block: _Block, *, short: bool) -> None:
         for curve in block.curves:
             _reference(place, panel, curve.experiment)
             _draw(place, panel, curve)
-        _limits(place, channel)
+        _limits(place, channel, named=not short)
         named = replace(channel, target=None, band=None, low=-np.inf, high=np.inf)
         place.set_title(panel_title(named if short else channel, zoomed=zoomed))
         if zoomed and channel.target is not None and channel.band is not None:
@@ -299,17 +299,19 @@ def _draw(axes: Axes, panel: Plot, curve: DrawnRun) -> None:
     axes.plot(t[-1], values[-1], marker, color=curve.color, markersize=5, markeredgewidth=0)
 
 
-def _limits(axes: Axes, channel: Channel) -> None:
+def _limits(axes: Axes, channel: Channel, *, named: bool) -> None:
+    """Draw target and limits; far limits are left out where the title names them (`named`)."""
     if channel.target is not None:
         axes.axhline(channel.target, color=GOOD, zorder=1, linewidth=0.9, linestyle=(0, (1, 2)))
         if channel.band is not None:
             low, high = channel.target - channel.band, channel.target + channel.band
             axes.axhspan(low, high, color=GOOD, alpha=0.18, linewidth=0)
     low, high = axes.dataLim.intervaly
-    span = high - low if high > low else np.inf  # nothing that moves needs the room
+    moves = named and -np.inf < low < high < np.inf
     for limit in (channel.low, channel.high):
-        # A limit far away would make a line of what moves; the title names it.
-        if low - span <= limit <= high + span and np.isfinite(limit):
+        # A limit far away would make a line of what moves.
+        far = moves and not 2 * low - high <= limit <= 2 * high - low
+        if np.isfinite(limit) and not far:
             axes.axhline(limit, color=LIMIT, zorder=1, linewidth=1.1, linestyle=(0, (6, 3)))
 
 

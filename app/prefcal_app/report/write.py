@@ -18,7 +18,7 @@ from markupsafe import Markup
 from prefcal_app.view.end import FIRST
 from prefcal_app.view.question import cell, row, table, theta_view
 from prefcal_env.disk import digest_of
-from prefcal_env.errors import ScenarioError, StaleError
+from prefcal_env.errors import PrefcalError, ScenarioError, StaleError
 from prefcal_env.experiments.experiment import Channel, End, Experiment
 from prefcal_env.plants.jacobians import U
 from prefcal_env.sources.source import function_of, owner_of
@@ -41,7 +41,15 @@ from prefcal_scenarios.verification.result import (
 )
 from prefcal_scenarios.verification.result import FILE as VERIFICATION
 from prefcal_scenarios.verification.varied_runs import RUNS, replays, unvaried
-from prefcal_scenarios.wording import folder_for, knob_number, number, put, with_subscripts, with_unit
+from prefcal_scenarios.wording import (
+    folder_for,
+    knob_number,
+    number,
+    put,
+    symbols_in,
+    with_subscripts,
+    with_unit,
+)
 
 from .export import REBUILD, BestTuning, best_as_json, tuning_of, versions
 from .pictures import PICTURES, Drawn, best_against, draw, figure
@@ -76,7 +84,8 @@ def environment(*packages: str) -> Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    made.filters |= {"subscripts": with_subscripts, "listed": listed, "data_uri": data_uri}
+    made.filters |= {"subscripts": with_subscripts, "symbols": symbols_in}
+    made.filters |= {"listed": listed, "data_uri": data_uri}
     made.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "sort_keys": True}
     css = files("prefcal_app.report").joinpath("report.css").read_text(encoding="utf-8")
     made.globals["css"] = Markup(css)
@@ -125,11 +134,12 @@ def listed(value: object) -> str:
 FILE = "acceptance.html"
 """Name of the file of the sheet."""
 _PART = re.compile(r"<!-- verified (\d+) -->.*?<!-- end -->", re.DOTALL)
-"""The part of the sheet that changes when the tuning is verified, with its room and that of curves in mm."""
+"""The part of the sheet or report that changes when the tuning is verified; on the sheet, with its room and
+that of curves in mm."""
 _UNKNOWN = "not verified"
 _RUN = (
     f"{_UNKNOWN}: other gains, dead times, noise, loads and set points than modeled. Run prefcal verify "
-    "best.json, which completes this sheet."
+    "best.json, which completes this page."
 )
 _WIDE, _MOST = 100, 440  # characters of a line of an answer, and the most of an answer
 LINE, MOST_VERIFIED = 3.4, 15
@@ -196,7 +206,7 @@ def unverified(record: StudyRecord, why: str = "") -> Answers:
     try:
         known = scenario.source.varied()
         found = [verification.result.margins_at(known, each.theta) for each in both]
-    except ScenarioError:  # such as a file that runs in a process of its own
+    except PrefcalError:  # such as a file that runs in a process of its own
         found = ["prefcal verify best.json computes them if the plant is known as equations"]
     said = margins_said(found, both[0].channels.time_unit)
     return [("Other plants", f"{_RUN} {why}." if why else _RUN), ("Margins", _margins(*said))]
@@ -219,7 +229,7 @@ def verified_answers(verified: Verified) -> Answers:
     found = _verdicts(verified)
     rows = (f"{name} {span}{f' ({kind})' * (kind != USUAL)}" for name, span, kind in verified.varied)
     found["Varied"] = f"{'; '.join(rows) or 'nothing'}. Beyond these ranges: {_UNKNOWN}."
-    found["Not varied"] = "; ".join(f"{what}: {why}" for what, why in verified.left_out) or "–"
+    found["Not varied"] = f"{'; '.join(what for what, _ in verified.left_out)}. Why: report.html."
     return [(question, _short(answer, "verification.json")) for question, answer in found.items()]
 
 
@@ -227,11 +237,9 @@ def verified_tables(verified: Verified) -> dict[str, list[dict[str, Any]]]:
     """Return tables of what `varied` and what not, and of margins and KPIs (`tables`), without empty ones."""
 
     def made(label: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[dict[str, Any]]:
-        return (
-            [table(label, heads, [row(name, list(map(cell, cells))) for name, *cells in rows])]
-            if rows
-            else []
-        )
+        if not rows:
+            return []
+        return [table(label, heads, [row(name, list(map(cell, cells))) for name, *cells in rows])]
 
     varied = made("What varied", VARIED, verified.varied)
     varied += made("What was not varied, and why", NOT_VARIED, verified.left_out)

@@ -16,7 +16,7 @@ from prefcal_env.experiments.experiment import Experiment, returned
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preferences.answer import Outcome, Reading
 from prefcal_env.sources.source import RIG, Source, Varied
-from prefcal_env.sources.varied import Factor, LeftOut, Ranges, Values, drawn, within
+from prefcal_env.sources.varied import UNMODELED, Factor, LeftOut, Ranges, Values, drawn, within
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.isolated import DEFAULT_LIMIT
 from prefcal_scenarios.runs import FailedRun, HasKPIs, Progress, simulate_iter, simulate_many
@@ -166,6 +166,8 @@ def verify(
     factors = within(known.factors, ranges or {})
     if not factors:
         raise SettingsError("nothing varies: all ranges are 0")
+    fixed = ((f.name, "its range is 0") for f in known.factors if f.name not in {g.name for g in factors})
+    left_out = (*known.left_out, *fixed)
     tunings = list(_nominally(found, known, thetas, seed, timeout))
     factors, unfair = _fair(found, known, factors, tunings[0], timeout)
     cases = tuple(_cases(factors, len(tunings), runs, seed))
@@ -180,7 +182,7 @@ def verify(
         replace(each, runs=tuple(part))
         for each, part in zip(tunings, (made[:runs], made[alone:]), strict=False)
     )
-    left_out = (*known.left_out, *unfair)
+    left_out = (*left_out, *unfair, *UNMODELED)
     kept = before[0] if before and before[0].runs else None
     return Verification(
         found.name, found.kpis, factors, left_out, runs, tuning, kept, tuple(made[runs:alone])

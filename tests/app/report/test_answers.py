@@ -103,7 +103,10 @@ def test_what_was_verified_is_said_with_what_was_not():
     assert found["What next"].startswith("Relax the limit of overshoot: with ≤ 9 %")
     assert found["Worst run"] == "settling time misses its objective (acceptable): dead time 7.1."
     assert found["Varied"].endswith("noise of the sensors 0 to 0.2 %. Beyond these ranges: not verified.")
-    assert found["Not varied"] == "sampling jitter: a period has one length here"
+    assert found["Not varied"] == (
+        "sampling jitter; what the model lacks, such as a resonance; other loops, also with a wrong sign; "
+        "actuators that differ up and down, or stick; failures of sensors and actuators. Why: report.html."
+    )
     unknown = replace(FOUND, margins=(), margins_kept="", basis="no margins: the plant is not known")
     assert dict(verified_answers(unknown))["Margins"] == "not verified: no margins: the plant is not known"
 

@@ -8,7 +8,7 @@ import pytest
 
 from prefcal_env import Channel, Experiment, Knob, KnobSpace, recorded
 from prefcal_env.errors import KnobError, ScenarioError, SettingsError
-from prefcal_env.sources.varied import within
+from prefcal_env.sources.varied import UNMODELED, within
 from prefcal_scenarios import KPI, Scenario, load
 from prefcal_scenarios.verification import replay, verify
 from prefcal_scenarios.verification.result import Verified, most_probable
@@ -143,6 +143,12 @@ def test_what_changes_no_kpi_is_said():
     kept = Verified.of(found, SPRING, "", "1.0", "")
     assert ("noise", "0.45 to 0.55", "usual, no effect alone") in kept.varied
     assert "noise" not in dict(kept.left_out)  # it did vary
+
+
+def test_what_somebody_leaves_out_and_what_no_model_has_is_named_as_not_varied():
+    found = verify(SPRING, THETA, 3, ranges={"mass": 0.0}, jobs=1)
+    assert [f.name for f in found.factors] == ["stiffness"]
+    assert found.left_out[1:] == (("mass", "its range is 0"), *UNMODELED)
 
 
 def test_a_run_without_a_scenario_is_verified_too():

@@ -217,6 +217,34 @@ def test_the_dead_time_of_sensors_varies_with_that_of_the_plant():
     assert found(scenario).at({}).function.env.task.measurement_delay == 4.0
 
 
+def test_lag_and_bias_of_the_task_stay_and_what_varies_is_added():
+    start = np.zeros(1)
+    task = Task(x0=start, u0=start, y_ref=np.array([1.0]), horizon=60.0, lag=0.5, bias=np.array([0.1]))
+    loop = ClosedLoop(PlantEnv(Plant.of(([0.8], [20, 1])), task), lambda theta: PID(theta[0], 20.0, T_s=1.0))
+    scenario = Scenario("s", "s", KnobSpace([Knob("K", 0.1, 5)]), loop, kpis=())
+    nominal, other = (
+        found(scenario).at(values).function.env.task
+        for values in ({}, {"lag of the actuators": 1.0, "bias of sensors": 0.01})
+    )
+    assert (nominal.lag, nominal.bias) == (0.5, [0.1])
+    assert (other.lag, other.bias) == (1.5, [pytest.approx(0.11)])
+
+
+def test_a_plant_whose_derivative_is_infinite_at_the_start_varies_too():
+    def flows(x, u, d):
+        with np.errstate(invalid="ignore"):  # a level below 0 is none
+            return u - np.sqrt(x)
+
+    tank = FunctionPlant(
+        flows, states=[Channel("level", "m")], inputs=[Channel("flow", "", low=0.0, high=2.0)]
+    )
+    task = Task(x0=np.zeros(1), u0=np.zeros(1), y_ref=np.array([1.0]), horizon=40.0)
+    loop = ClosedLoop(PlantEnv(tank, task), lambda theta: PID(theta[0], 5.0, T_s=0.5))
+    scenario = Scenario("tank", "A tank", KnobSpace([Knob("K", 0.1, 5)]), loop, kpis=())
+    (lag,) = (f for f in found(scenario).factors if f.name == "lag of the actuators")
+    assert lag.high == pytest.approx(0.2)  # a tenth of a twentieth of the experiment
+
+
 def test_dead_time_inside_the_states_of_a_plant_is_named_as_not_varied():
     scenario = pid_scenario(Plant.of(signal.dlti([0.04], [1, -0.95, 0, 0], dt=1.0)))
     said = [row for row in found(scenario).left_out if "dead time" in row[0]]

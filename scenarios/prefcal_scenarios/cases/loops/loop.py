@@ -556,8 +556,8 @@ class Loop:
     ) -> LoopResponse:
         """Return what `controller` does; where it does not solve its problem, the input is held.
 
-        Its sampling time is `hold` steps. Actuators and sensors are ideal. Only the duration of its
-        steps needs the `clock`, which returns seconds.
+        Its sampling time is `hold` steps. Sensors have no resolution, and actuators neither backlash nor
+        stiction. Only the duration of its steps needs the `clock`, which returns seconds.
         """
         plant, t, noise = self.plant, self.t, self.noise(seed)
         (low, high), measured = limits_of(plant.inputs).T, list(plant.measured)
