@@ -16,7 +16,7 @@ only one feature can change are separate, so that the names show what a delibera
 benchmarks/recorded holds a small study of each kind: at a page, on a rig, robust, on a live plant, by
 several raters. `--decisions` goes through their events, and asks the agent of this code for each
 decision: the next θ, the next pair, which one is the best, whether it is over. One that differs
-is a stated change of results or a fault. Each release adds a study of what it can do anew.
+is a stated change of results or a fault. Each release adds a study of what is new in it.
 """
 
 import os
@@ -45,7 +45,7 @@ from prefcal_agents.baselines import LatinHypercube
 from prefcal_agents.transfer import respaced
 from prefcal_app.cli import main as run_prefcal
 from prefcal_app.session import actions
-from prefcal_app.session.study import ENOUGH, Ask, Study, agent_of, is_robust, is_simulating
+from prefcal_app.session.study import ALL_COMPARED, ENOUGH, Ask, Study, agent_of, is_robust, is_simulating
 from prefcal_app.simulating import Simulator
 from prefcal_env import Answer, Knob, KnobSpace, Mark
 from prefcal_env.preferences.answer import Query
@@ -448,7 +448,7 @@ def _is_decision(event: Event) -> bool:
         case Shown(repeats=repeats):
             return repeats is None
         case Ended(reason=reason):
-            return reason in (ENOUGH, "all compared")
+            return reason in (ENOUGH, ALL_COMPARED)
     return isinstance(event, Suggested | Led)
 
 
@@ -464,7 +464,8 @@ def decided_anew(path: Path) -> Lines:
     """Return each decision of a recorded study that differs now, as a line, after their number."""
     every = list(decisions(path.read_text(encoding="utf-8").splitlines()))
     wrong = [f"{path.stem}, event {seq}: {then} became {now}" for seq, then, now in every if then != now]
-    return [f"{path.stem}: {len(every)} decisions, {len(wrong)} differ", *wrong]
+    decided = "1 decision" if len(every) == 1 else f"{len(every)} decisions"
+    return [f"{path.stem}: {decided}, {len(wrong)} {'differs' if len(wrong) == 1 else 'differ'}", *wrong]
 
 
 def digest(lines: Lines) -> str:
@@ -498,6 +499,9 @@ def main() -> None:
         return
     if args.decisions is not None:
         paths = [path for path in sorted(args.decisions.glob("*.jsonl")) if args.only in path.stem]
+        if not paths:  # nothing would differ
+            named = f" with {args.only!r} in its name" if args.only else ""
+            parser.error(f"{args.decisions} holds no recorded study{named} (NAME.jsonl)")
         told = [decided_anew(path) for path in paths]
         print("\n".join(line for lines in told for line in lines))
         sys.exit(any(len(lines) > 1 for lines in told))

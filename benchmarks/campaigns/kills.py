@@ -4,13 +4,15 @@
     python benchmarks/campaigns/kills.py --kills 20 --kinds glisp
 
 Whoever answers here is a program that posts what the page posts: verdicts, marks and undos. After each
-kill the study must be sound, and hold every step that was acknowledged; once it is over, best.json must
-be its best experiment. What is not so is printed, and the exit code is then 1.
+kill the study must be there, be sound, and hold every step that was acknowledged since the last kill; once
+it is over, best.json must be its best experiment. No command may end by itself before that. What is not so is
+printed, and the exit code is then 1.
 """
 
 import argparse
 import json
 import random
+import signal
 import subprocess
 import sys
 import tempfile
@@ -20,10 +22,12 @@ import urllib.error
 import urllib.request
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from http.client import HTTPException
 from http.cookiejar import CookieJar
 from pathlib import Path
 from typing import Any
 
+from prefcal_env.errors import StudyError
 from prefcal_env.study import StudyFile, verify
 
 KINDS: Mapping[str, Sequence[str]] = {
@@ -32,6 +36,10 @@ KINDS: Mapping[str, Sequence[str]] = {
     "robust": ("lag", "--simulate", "40", "--n-max", "6", "--robust"),
 }
 """Words of `prefcal calibrate` for each kind of study."""
+
+
+class BrokenError(Exception):
+    """The command answered with an error of its own."""
 
 
 class Visitor:
@@ -51,8 +59,12 @@ class Visitor:
         with self._opener.open(f"{self._base}/{name}", timeout=60) as response:
             return json.loads(response.read())
 
-    def post(self, name: str, **body: Any) -> None:
-        """Do what a key of the page does; a refusal is no step."""
+    def post(self, name: str, *, steps: int = 1, **body: Any) -> None:
+        """Do what a key of the page does, which adds so many steps to the study; a refusal is no step.
+
+        Raises:
+            BrokenError: If the command fails.
+        """
         headers = {"Content-Type": "application/json", "Origin": self._base}
         request = urllib.request.Request(
             f"{self._base}/api/{name}", json.dumps(body).encode(), headers, method="POST"
@@ -61,9 +73,9 @@ class Visitor:
             self._opener.open(request, timeout=60).read()
         except urllib.error.HTTPError as refused:
             if refused.code >= 500:
-                raise AssertionError(f"{name}: {refused.code} {refused.read()[:200]!r}") from refused
+                raise BrokenError(f"{name}: {refused.code} {refused.read()[:200]!r}") from refused
         else:
-            self.acknowledged += 1
+            self.acknowledged += steps
 
     def step(self, dice: random.Random) -> bool:
         """Do one step of a person, and return whether the study is over."""
@@ -71,10 +83,12 @@ class Visitor:
         if now["phase"] == "question":
             question = now["question"]["id"]
             if dice.random() < 0.1:
-                mark = dice.choice(("unsafe", "good enough"))
-                self.post("mark", question=question, side=dice.choice(("left", "right")), mark=mark, on=True)
+                mark, side = dice.choice(("unsafe", "good enough")), dice.choice(("left", "right"))
+                on = mark not in now["question"][side]["marks"]  # what is as wished adds no step
+                self.post("mark", question=question, side=side, mark=mark, on=on)
             elif dice.random() < 0.1:
-                self.post("undo", version=now["version"])
+                repeated = now["question"]["repeat"]  # then it only skips the question
+                self.post("undo", steps=0 if repeated else 1, version=now["version"])
             else:
                 choice = dice.choice(("left", "right", "same", "cannot tell"))
                 self.post("answer", question=question, choice=choice, comment="", blind=False)
@@ -83,12 +97,13 @@ class Visitor:
         return bool(now["phase"] == "over")
 
 
-def steps_in(study: Path) -> int:
-    """Return how many steps of people a study holds. It is closed."""
+def steps_in(study: Path) -> tuple[int, bool]:
+    """Return how many steps of people a study holds, and whether it is over. It is closed."""
     with StudyFile.open(study, clock=str, reading=True) as file:
         kinds = [type(each.event).__name__ for each in file.events()]
         answered = sum(kind == "Answered" for kind in kinds) - 1  # nobody is asked about the first one
-        return max(answered, 0) + kinds.count("Undone") + kinds.count("Marked")
+        steps = max(answered, 0) + kinds.count("Undone") + kinds.count("Marked")
+        return steps, bool(file.state.ended)
 
 
 def disagreements(study: Path, visitor: Visitor) -> list[str]:
@@ -108,56 +123,114 @@ def disagreements(study: Path, visitor: Visitor) -> list[str]:
     return [] if (told, best["experiment"]) == (theta, index + 1) else [f"best.json: {best}, study: {theta}"]
 
 
-def kill_one(folder: Path, kind: str, study: Path, dice: random.Random) -> tuple[int, bool, list[str]]:
+def kill_one(
+    folder: Path, kind: str, study: Path, dice: random.Random, *, kill: bool = True
+) -> tuple[int, bool, list[str]]:
     """Let one command be answered until it is killed.
 
+    Args:
+        folder: Folder to run in.
+        kind: Kind of the study.
+        study: Study file.
+        dice: When it is killed, and what is answered.
+        kill: Whether it is killed before best.json of a study that is over was looked at.
+
     Returns:
-        Steps acknowledged, whether the study was over, and what disagreed then.
+        Steps acknowledged, whether best.json was looked at, and what went wrong.
     """
     words = [*KINDS[kind], "--study", str(study), "--out", str(study.with_suffix("")), "--no-browser"]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "prefcal_app", "calibrate", *words],
-        cwd=folder,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-    )
+    said = folder / "stderr.txt"
+    with said.open("w", encoding="utf-8") as errors:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "prefcal_app", "calibrate", *words],
+            cwd=folder,
+            stdout=subprocess.PIPE,
+            stderr=errors,
+            text=True,
+        )
+    killed = threading.Event()
+
+    def kill_later(low: float, high: float) -> None:
+        def strike() -> None:
+            killed.set()  # before it is: what fails without this failed by itself
+            process.kill()
+
+        timer = threading.Timer(dice.uniform(low, high), strike)
+        timer.daemon = True
+        timer.start()
+
     assert process.stdout is not None
-    visitor, over, wrong = None, False, list[str]()
-    if dice.random() < 0.15:  # while it starts
-        threading.Timer(dice.uniform(0.2, 3.0), process.kill).start()
+    visitor, over = None, False
+    if kill and dice.random() < 0.15:  # while it starts
+        kill_later(0.2, 3.0)
     try:
         visitor = Visitor(process.stdout.readline().strip())
-        threading.Timer(dice.uniform(0.1, 6.0), process.kill).start()
+        if kill:
+            kill_later(0.1, 6.0)
         while not over:
             over = visitor.step(dice)
-        wrong = disagreements(study, visitor)
-    except (OSError, ValueError, EOFError, urllib.error.URLError):  # killed
-        wrong = []
+        return visitor.acknowledged, True, disagreements(study, visitor)
+    except (BrokenError, OSError, ValueError, EOFError, HTTPException) as error:
+        by_itself = not killed.is_set()
+        code = _end_of(process)
+        wrong = list[str]()
+        if isinstance(error, BrokenError):
+            wrong = [str(error)]
+        elif (by_itself or code != -signal.SIGKILL) and not (kill and over and code == 0):
+            last = said.read_text(encoding="utf-8", errors="replace").strip()[-500:]
+            wrong = [f"{'it goes on' if code is None else f'it ended with {code}'} after {error!r}: {last}"]
+        return 0 if visitor is None else visitor.acknowledged, False, wrong
     finally:
         process.kill()
         process.wait()
         process.stdout.close()
-    return 0 if visitor is None else visitor.acknowledged, over, wrong
+
+
+def _end_of(process: subprocess.Popen[str]) -> int | None:
+    """Return the exit code of a process that seems to end; None if it does not."""
+    try:
+        return process.wait(20)
+    except subprocess.TimeoutExpired:
+        return None
+
+
+def lost(study: Path, before: int, steps: int) -> tuple[list[str], int, bool]:
+    """Look for what a kill has lost.
+
+    Args:
+        study: Study file.
+        before: Steps that it held before.
+        steps: Steps acknowledged since then.
+
+    Returns:
+        What went wrong, the steps that it holds, and whether it is over.
+    """
+    held, finished, wrong = 0, False, list[str]()
+    if study.exists():  # or it had not begun, or nobody had answered
+        try:
+            wrong += verify(study)
+            held, finished = steps_in(study)
+        except StudyError as error:
+            return [*wrong, f"the study cannot be read: {error}"], 0, False
+    if held - before < steps:
+        found = f"{held - before} more are recorded" if study.exists() else "the study is gone"
+        wrong.append(f"{steps} steps acknowledged after {before}, {found}")
+    return wrong, held, finished
 
 
 def campaign(kind: str, kills: int, seed: int, folder: Path) -> list[str]:
     """Kill that many commands of a kind, and return what went wrong, a line each."""
-    dice, wrong, number, acknowledged = random.Random(seed), list[str](), 0, 0
+    dice, wrong, number, held, finished = random.Random(seed), list[str](), 0, 0, False
     total = over = 0
     for count in range(kills):
         study = folder / f"{kind}-{number}.prefcal"
-        steps, ended, disagreed = kill_one(folder, kind, study, dice)
-        acknowledged, total, over = acknowledged + steps, total + steps, over + ended
-        wrong += [f"{kind}, kill {count + 1}: {words}" for words in disagreed]
-        if not study.exists():  # it had not begun, or nobody had answered
-            acknowledged = 0
-            continue
-        wrong += [f"{kind}, kill {count + 1}: {words}" for words in verify(study)]
-        if (held := steps_in(study)) < acknowledged:
-            wrong.append(f"{kind}, kill {count + 1}: {acknowledged} steps acknowledged, {held} recorded")
-        if ended:
-            number, acknowledged = number + 1, 0
+        # A study that was over at the last kill is looked at to its end: its report must come.
+        steps, ended, failed = kill_one(folder, kind, study, dice, kill=not finished)
+        missing, held, finished = lost(study, held, steps)
+        wrong += [f"{kind}, kill {count + 1}: {words}" for words in (*failed, *missing)]
+        total, over = total + steps, over + ended
+        if ended or failed or missing:  # what is wrong once is told once
+            number, held, finished = number + 1, 0, False
     print(
         f"{kind}: {kills} kills, {total} steps acknowledged, {over} studies over, {len(wrong)} wrong",
         flush=True,

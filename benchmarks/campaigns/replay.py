@@ -133,7 +133,7 @@ class ReplayedStudy:
     """What happened in one study."""
 
     untrue: list[str] = field(default_factory=list)  # what was not true, in words
-    questions: int = 0  # number of questions asked
+    questions: int = 0
     ties: int = 0  # number of answers "about the same"
     # For each question with a stated chance, that chance and whether the new one won
     said: list[tuple[float, bool]] = field(default_factory=list)

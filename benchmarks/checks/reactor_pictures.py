@@ -28,7 +28,7 @@ Row = Mapping[str, float]
 class CalibratedRuns:
     """Finished study of a scenario with a cost."""
 
-    scenario: Scenario  # calibrated scenario
+    scenario: Scenario
     initial: Sequence[Experiment]  # experiments before anything was learned, in order
     best: Experiment  # returned experiment
     number: int  # number of the returned experiment, from 1

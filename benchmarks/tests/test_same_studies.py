@@ -61,6 +61,12 @@ def test_the_recorded_studies_are_decided_as_they_were(same_studies):
     assert code == 0
 
 
+def test_a_folder_without_recorded_studies_is_refused(same_studies, tmp_path):
+    code, out, err = same_studies("--decisions", tmp_path, "--only", "")
+    assert (code, out) == (2, "")
+    assert err.endswith(f"error: {tmp_path} holds no recorded study (NAME.jsonl)\n")
+
+
 def test_another_decision_is_named(same_studies, tmp_path):
     path = FILE.parent / "recorded" / "rig.jsonl"
     lines = path.read_text(encoding="utf-8").splitlines()
@@ -70,5 +76,5 @@ def test_another_decision_is_named(same_studies, tmp_path):
     (tmp_path / "rig.jsonl").write_text("\n".join([*lines[:ending], json.dumps(event)]), encoding="utf-8")
     code, out, _ = same_studies("--decisions", tmp_path, "--only", "")
     assert code == 1
-    assert out.splitlines()[0] == "rig: 1 decisions, 1 differ"
+    assert out.splitlines()[0] == "rig: 1 decision, 1 differs"
     assert out.splitlines()[1].startswith(f"rig, event {ending + 1}: Suggested(index=0")

@@ -72,9 +72,12 @@ class CSTR:
     Deviation: the reaction heats the tank (+ H r/(ρ C_p)). As printed, with a minus, the only
     steady state at T_c = 298 K has C_A = 9.5; with a plus there are three, the paper's 8.56
     among them (to the digits of the table).
+
+    Args:
+        params: Physical parameters.
     """
 
-    params: CSTRParams = CSTRParams()  # physical parameters
+    params: CSTRParams = CSTRParams()
 
     name = "CSTR"
     time_unit = "h"

@@ -50,18 +50,31 @@ ANY, NOT_NEGATIVE = (-np.inf, np.inf), (0.0, np.inf)
 
 @dataclass(frozen=True, slots=True)
 class Factor:
-    """A quantity that varies, uniformly from `low` to `high`, in `unit`."""
+    """A quantity that varies, uniformly from `low` to `high`, in `unit`.
 
-    name: str  # name for people, such as "gain of valve"
-    kind: Kind  # what it belongs to
-    nominal: float  # value of the study
-    low: float  # lowest value
-    high: float  # highest value
-    unit: str = ""  # unit, or what it is a share of; "" also for a factor by which something is multiplied
-    ends: bool = False  # whether it only has its lowest and its highest value, as a direction does
-    possible: tuple[float, float] = ANY  # smallest and largest value that there can be
-    step: float = 0.0  # distance of its values; 0 for any
-    stated: bool = False  # whether somebody stated its range, which is the usual one otherwise
+    Args:
+        name: Name for people, such as "gain of valve".
+        kind: What it belongs to.
+        nominal: Value of the study.
+        low: Lowest value.
+        high: Highest value.
+        unit: Unit, or what it is a share of; "" also for a factor by which something is multiplied.
+        ends: Whether it only has its lowest and its highest value, as a direction does.
+        possible: Smallest and largest value that there can be.
+        step: Distance of its values; 0 for any.
+        stated: Whether somebody stated its range, which is the usual one otherwise.
+    """
+
+    name: str
+    kind: Kind
+    nominal: float
+    low: float
+    high: float
+    unit: str = ""
+    ends: bool = False
+    possible: tuple[float, float] = ANY
+    step: float = 0.0
+    stated: bool = False
 
     @property
     def robust(self) -> bool:

@@ -308,7 +308,7 @@ _ONE_SIGN = "use decimal points in all columns, or decimal commas in all of them
 class Sheet:
     """A table with its headings and the places of its rows."""
 
-    headings: tuple[str, ...]  # heading of each column
+    headings: tuple[str, ...]
     frame: Any  # pandas DataFrame whose columns are numbered from 0
     # Line of each row as an editor shows it, shape (K,); None if it comes from no text
     lines: Int[np.ndarray, " K"] | None = None

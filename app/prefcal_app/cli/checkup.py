@@ -81,7 +81,7 @@ class Finding:
 class Checkup:
     """Checks of one scenario, in order; later checks reuse the trial run."""
 
-    scenario: Scenario  # scenario to check
+    scenario: Scenario
     theta: Float[np.ndarray, " n"]  # θ of the trial run, physical, shape (n,)
     experiment: Experiment | None = None
     findings: list[Finding] = field(default_factory=list)

@@ -33,8 +33,8 @@ class Kept:
 class Parameter:
     """A field of a dataclass as a parameter of a command."""
 
-    name: str  # name of the field
-    type: Any  # type of the value
+    name: str
+    type: Any
     default: Any  # default value; MISSING if the parameter is required
     info: OptionInfo | ArgumentInfo  # what typer is told: flag, help, placeholder, limits
     kept: Kept | None  # rules if the study file keeps the value; None if it applies to a single run

@@ -255,6 +255,8 @@ PERSON = "human"
 """Who answers, in the configuration of a study."""
 ENOUGH = "little is left to gain"
 """Why a study ends before its last question."""
+ALL_COMPARED = "all compared"
+"""Why a study ends after its last question."""
 _SIDES, _REPEATS = 11, 12  # streams of the study's seed; agents use other ones
 
 
@@ -436,7 +438,7 @@ class Study:
         if turn.best is not None and turn.best != history.incumbent and turn.best not in history.unsafe:
             return Write(Led(turn.best))
         if turn.over:
-            return Write(Ended("all compared"))
+            return Write(Ended(ALL_COMPARED))
         opened, queries = strategy.open(turn, self.at_once)
         index = len(history.samples)
         if len(opened.samples) > index:

@@ -61,6 +61,7 @@ class EUBO(BoTorchAgent):
     fitted to all answers (`PairwiseGP`), and the next sample maximizes the expected utility of the
     best option, given the incumbent (EUBO). Ties and abstentions are ignored: the package knows
     strict answers only. The model sees the unit cube, and integers are snapped afterwards.
+    `n_max` experiments take n_max - 1 comparisons.
 
     Source: package `botorch`; Lin, Astudillo, Frazier, Bakshy 2022, with θ in the place of KPIs, as
     in Astudillo et al. 2023.

@@ -116,7 +116,7 @@ class OptunaPreferential(_OptunaAgent):
     its sampler proposes the next sample. It ignores ties and abstentions. The sampler starts each
     fit where the last one ended, so it is kept while answers are added, and replays all of them
     after an undo, a retraction or a restart. The sampler sees the unit cube, and integers are
-    snapped afterwards.
+    snapped afterwards. `n_max` experiments take n_max - 1 comparisons.
 
     Source: package `optuna-dashboard`, after Takeno et al. 2023.
     Deviation: a fit that diverges, which stops the library's sampler, starts from scratch; if it

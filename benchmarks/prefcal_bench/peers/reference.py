@@ -57,6 +57,7 @@ class ReferenceGLISp(Peer):
     The package owns its state. Here its solver is set up again for each proposal from the stored
     samples and the valid answers, so nothing else has to be stored. It ignores abstentions, which
     it does not support. Its Latin hypercube has at least 2 samples.
+    `n_max` experiments take n_max - 1 comparisons.
 
     Source: package `glis` 2.0.2 by Bemporad and Zhu.
     Deviation: its random generator is seeded for each proposal; it searches the unit cube, and

@@ -22,7 +22,7 @@ class Noticed:
     # Just noticeable difference: in its unit, or if `relative`, as a share of the larger value
     noticed: float
     at_most: float = -np.inf  # limit below which all values are equally good, in its unit
-    relative: bool = False  # whether the difference is relative
+    relative: bool = False
 
     def verdict(self, a: Runs, b: Runs) -> Int[np.ndarray, " K"]:
         """Return -1 where `a` is noticeably lower above the limit, 0 for a tie, 1 where `b` is."""

@@ -28,7 +28,7 @@ class Pictured:
 
     label: str  # label of the figure in the paper
     statement: str  # what the paper shows and says about it
-    caption: str  # caption of the reproduction
+    caption: str
     content: bytes  # reproduction as PNG
     # The same figure at the paper's θ, simulated here, as PNG; None if the paper states no θ
     reference: bytes | None = None

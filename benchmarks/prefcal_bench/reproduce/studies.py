@@ -64,8 +64,8 @@ class PaperStudy:
     case: str  # name of the case, as in `CASES`
     seed: int  # seed of the agent
     best: Theta  # calibrated θ, physical
-    experiments: int  # number of experiments
-    comparisons: int  # number of comparisons
+    experiments: int
+    comparisons: int
     asked: tuple[Asked, ...]  # comparisons with a winner, in order; empty without a calibrator
 
 

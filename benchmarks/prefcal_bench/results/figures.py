@@ -117,7 +117,13 @@ def along(campaign: Campaign, settings: Sequence[Setting], baseline: str = "") -
 
 
 def summary(campaign: Campaign, rows: pd.DataFrame, settings: Sequence[Setting]) -> Figure:
-    """Draw a panel for each setting with the final worth of each agent, the highest on top."""
+    """Draw a panel for each setting with the final worth of each agent, the highest on top.
+
+    Args:
+        campaign: All results.
+        rows: TextTable of worth, see `worth_rows`.
+        settings: Settings to draw, one or more.
+    """
     ends = {s: ended(rows, s) for s in settings}
     columns = min(len(settings), 2)
     lines = [settings[i : i + columns] for i in range(0, len(settings), columns)]

@@ -158,6 +158,10 @@ def worth_table(campaign: Campaign, baseline: str = BASELINE) -> list[dict[str, 
     ("experiments" or "answers") and after, worth (geometric mean, with interval), answers (mean
     number given by then), improvement (probability that the agent's worth exceeds the baseline's,
     with interval), and drift (up to then).
+
+    Args:
+        campaign: All results.
+        baseline: Agent that the others are compared with.
     """
     return plain(worth_rows(campaign, baseline))
 

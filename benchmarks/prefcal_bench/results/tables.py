@@ -38,7 +38,7 @@ class TextTable:
 
     label: str  # title, and name of the table for people who cannot see it
     caption: str
-    columns: tuple[str, ...]  # names of the columns
+    columns: tuple[str, ...]
     rows: list[list[TableCell]]  # cells of each row, starting with its heading
     words: tuple[str, ...] = ()  # columns that hold text, not numbers
     tall: bool = True  # whether the table may need to scroll vertically
@@ -180,7 +180,14 @@ def failed(cells: Sequence[tuple[str, str]]) -> TextTable:
 
 
 def worth_numbers(campaign: Campaign, rows: pd.DataFrame, setting: Setting, baseline: str) -> TextTable:
-    """Return the table of `worth_rows` of a setting, with the highest worth tinted."""
+    """Return the table of worth of a setting, with the highest worth tinted.
+
+    Args:
+        campaign: All results.
+        rows: TextTable of worth, see `worth_rows`.
+        setting: Setting of the table.
+        baseline: Agent that the others are compared with.
+    """
     spots, loops = checkpoints(setting), len(problems_of(campaign.of(setting, "worth")))
     ends = ended(rows, setting)
     tinted = _leaders(ends)

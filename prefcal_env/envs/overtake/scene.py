@@ -135,18 +135,28 @@ class OvertakeOptions:
     The traffic besides the paper's obstacle is highway-env's own: `vehicles_count` drivers, placed
     and made random by highway-env from the seed of `reset`, one ahead of the other.
 
+    Args:
+        x0: Initial pose of the ego vehicle: x_f, y_f [m] and θ [rad].
+        duration: Duration: an episode lasts until the first sample at or after it [s].
+        lanes_count: Number of lanes, 4 m wide; ours is the rightmost, at y = 0.
+        vehicles_count: Number of drivers ahead of the obstacle.
+        vehicles_density: Density of these drivers, as in highway-env.
+        other_vehicles_type: Type of these drivers, one of `DRIVERS`.
+        simulation_frequency: Frequency of their decisions [Hz]; at least one per period.
+        wheelbase: Distance of the axles of the car [m]; a controller need not know it.
+
     Raises:
         SettingsError: If a number is out of range or the type is unknown.
     """
 
-    x0: tuple[float, float, float] = START  # initial pose of the ego vehicle: x_f, y_f [m] and θ [rad]
-    duration: float = HORIZON  # duration: an episode lasts until the first sample at or after it [s]
-    lanes_count: int = 2  # number of lanes, 4 m wide; ours is the rightmost, at y = 0
-    vehicles_count: int = 0  # number of drivers ahead of the obstacle
-    vehicles_density: float = 1.0  # density of these drivers, as in highway-env
-    other_vehicles_type: str = DRIVERS[0]  # type of these drivers, one of `DRIVERS`
-    simulation_frequency: float = 15.0  # frequency of their decisions [Hz]; at least one per period
-    wheelbase: float = Bicycle().length  # distance of the axles of the car [m]; a controller need not know it
+    x0: tuple[float, float, float] = START
+    duration: float = HORIZON
+    lanes_count: int = 2
+    vehicles_count: int = 0
+    vehicles_density: float = 1.0
+    other_vehicles_type: str = DRIVERS[0]
+    simulation_frequency: float = 15.0
+    wheelbase: float = Bicycle().length
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "x0", tuple(plant_vector(self.x0, 3, "initial pose x0").tolist()))

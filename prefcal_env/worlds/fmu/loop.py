@@ -248,7 +248,7 @@ class FMULoop:
             failed = self._curveless(np.asarray(theta, dtype=float), np.nan)  # without a record
             return replace(failed, channels=self.channels)
 
-    def attempt(self, theta: Float[np.ndarray, " n"]) -> Experiment:
+    def attempt(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
         """Simulate θ like a call, but raise RunError if there is no record.
 
         Raises:

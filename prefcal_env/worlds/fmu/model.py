@@ -186,6 +186,9 @@ class Model:
 def read_model(path: Path | str) -> Model:
     """Read the model description of an FMU (FMI 2 or 3, co-simulation); nothing runs.
 
+    Args:
+        path: The .fmu file.
+
     Raises:
         PlantError: If the file is missing, is no FMU, has another version or kind, or holds no
             binary for this computer.

@@ -232,9 +232,12 @@ class Journal:
     """File that holds the old values of a plant from before the first write until they are back.
 
     If prefcal is killed, the next start finds the file and restores the values.
+
+    Args:
+        path: Path of the file; its folder is created.
     """
 
-    path: Path  # path of the file; its folder is created
+    path: Path
 
     @classmethod
     def of(cls, address: str) -> "Journal":
