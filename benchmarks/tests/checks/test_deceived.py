@@ -5,7 +5,6 @@ import pytest
 from scipy import signal
 
 from prefcal_env import ClosedLoop, PlantEnv
-from prefcal_env.envs.varied_loop import UNMODELED
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.plants.plant import Plant
 from prefcal_scenarios.described.pid_scenario import pid_scenario
@@ -26,10 +25,6 @@ def in_samples():
 def of_one_step():
     loop = pid(delay=6.0).source.varied().loop
     return ClosedLoop(PlantEnv(loop.plant, loop.task), loop.controller, lambda e: {"left": float(e.y[-1, 0])})
-
-
-def test_what_no_factor_is_for_is_told_as_not_varied():
-    assert set(UNMODELED) <= set(pid(delay=6.0).source.varied().left_out)
 
 
 @pytest.mark.parametrize(
