@@ -123,6 +123,59 @@ def disagreements(study: Path, visitor: Visitor) -> list[str]:
     return [] if (told, best["experiment"]) == (theta, index + 1) else [f"best.json: {best}, study: {theta}"]
 
 
+class Command:
+    """`prefcal calibrate` as it runs, to be killed later.
+
+    Args:
+        folder: Folder to run in; what it says goes to a file there.
+        words: Words of the command.
+    """
+
+    def __init__(self, folder: Path, words: Sequence[str]) -> None:
+        self._said, self._killed = folder / "stderr.txt", threading.Event()
+        with self._said.open("w", encoding="utf-8") as errors:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "prefcal_app", "calibrate", *words],
+                cwd=folder,
+                stdout=subprocess.PIPE,
+                stderr=errors,
+                text=True,
+            )
+
+    def kill_in(self, seconds: float) -> None:
+        """Kill it after so many seconds."""
+
+        def strike() -> None:
+            self._killed.set()  # before it is: what fails without this failed by itself
+            self.process.kill()
+
+        timer = threading.Timer(seconds, strike)
+        timer.daemon = True
+        timer.start()
+
+    def failure(self, error: Exception, *, may_end: bool) -> list[str]:
+        """Return what went wrong when it answered with `error`, if it was not the kill.
+
+        With `may_end`, the study is over: the command may have ended well.
+        """
+        by_itself, code = not self._killed.is_set(), None
+        with suppress(subprocess.TimeoutExpired):
+            code = self.process.wait(20)
+        if isinstance(error, BrokenError):
+            return [str(error)]
+        if (not by_itself and code == -signal.SIGKILL) or (may_end and code == 0):
+            return []
+        last = self._said.read_text(encoding="utf-8", errors="replace").strip()[-500:]
+        return [f"{'it goes on' if code is None else f'it ended with {code}'} after {error!r}: {last}"]
+
+    def end(self) -> None:
+        """Kill it now."""
+        self.process.kill()
+        self.process.wait()
+        assert self.process.stdout is not None
+        self.process.stdout.close()
+
+
 def kill_one(
     folder: Path, kind: str, study: Path, dice: random.Random, *, kill: bool = True
 ) -> tuple[int, bool, list[str]]:
@@ -138,60 +191,24 @@ def kill_one(
     Returns:
         Steps acknowledged, whether best.json was looked at, and what went wrong.
     """
-    words = [*KINDS[kind], "--study", str(study), "--out", str(study.with_suffix("")), "--no-browser"]
-    said = folder / "stderr.txt"
-    with said.open("w", encoding="utf-8") as errors:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "prefcal_app", "calibrate", *words],
-            cwd=folder,
-            stdout=subprocess.PIPE,
-            stderr=errors,
-            text=True,
-        )
-    killed = threading.Event()
-
-    def kill_later(low: float, high: float) -> None:
-        def strike() -> None:
-            killed.set()  # before it is: what fails without this failed by itself
-            process.kill()
-
-        timer = threading.Timer(dice.uniform(low, high), strike)
-        timer.daemon = True
-        timer.start()
-
-    assert process.stdout is not None
+    out = str(study.with_suffix(""))
+    command = Command(folder, [*KINDS[kind], "--study", str(study), "--out", out, "--no-browser"])
+    assert command.process.stdout is not None
     visitor, over = None, False
     if kill and dice.random() < 0.15:  # while it starts
-        kill_later(0.2, 3.0)
+        command.kill_in(dice.uniform(0.2, 3.0))
     try:
-        visitor = Visitor(process.stdout.readline().strip())
+        visitor = Visitor(command.process.stdout.readline().strip())
         if kill:
-            kill_later(0.1, 6.0)
+            command.kill_in(dice.uniform(0.1, 6.0))
         while not over:
             over = visitor.step(dice)
         return visitor.acknowledged, True, disagreements(study, visitor)
     except (BrokenError, OSError, ValueError, EOFError, HTTPException) as error:
-        by_itself = not killed.is_set()
-        code = _end_of(process)
-        wrong = list[str]()
-        if isinstance(error, BrokenError):
-            wrong = [str(error)]
-        elif (by_itself or code != -signal.SIGKILL) and not (kill and over and code == 0):
-            last = said.read_text(encoding="utf-8", errors="replace").strip()[-500:]
-            wrong = [f"{'it goes on' if code is None else f'it ended with {code}'} after {error!r}: {last}"]
+        wrong = command.failure(error, may_end=kill and over)
         return 0 if visitor is None else visitor.acknowledged, False, wrong
     finally:
-        process.kill()
-        process.wait()
-        process.stdout.close()
-
-
-def _end_of(process: subprocess.Popen[str]) -> int | None:
-    """Return the exit code of a process that seems to end; None if it does not."""
-    try:
-        return process.wait(20)
-    except subprocess.TimeoutExpired:
-        return None
+        command.end()
 
 
 def lost(study: Path, before: int, steps: int) -> tuple[list[str], int, bool]:
