@@ -503,10 +503,10 @@ class Interview:
             if driver.thoughts.simulator is not None:
                 driver.thoughts.simulator.abandon()
             driver.changed.notify_all()
-            agent = driver.agent.copy()
+            agent = driver.agent.copy() if first and self._asks else None
         # Last and without the lock: it takes time, and a plant must neither wait for it nor, if Ctrl-C
         # interrupts it, miss its stop.
-        if first and self._asks:
+        if agent is not None:
             driver.memory.keep(agent)
 
     @property
