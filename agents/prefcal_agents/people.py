@@ -957,16 +957,16 @@ def trend(z: Float[np.ndarray, "m n"], costs: Float[np.ndarray, "s m"], row: int
 # place. With 0.5, people who never err lose (1,292 instead of 1,478 after ten answers), and with 0.9 those
 # who are wrong every fifth time (423 instead of 614 after twenty): docs/research/screening.md.
 _DOUBT = 0.75
-# Probability that the person hardly follows the KPIs from which on nothing takes the place of what won, which
-# serves such people better: that before any answer (docs/research/people.md).
+# From this probability on that the person hardly follows the KPIs, nothing takes the place of what won: it is
+# the one before any answer. People whose taste KPIs hardly explain end better so (docs/research/people.md).
 _LOOSE = REAL[-1][1]
 
 
 def overtaking(better: Float[np.ndarray, " n"], loose: float, history: History) -> Float[np.ndarray, " n"]:
     """Return how probably each sample is noticeably better than the best by the answers, (n,).
 
-    It is 0 unless the probability is above 0.75, for those that were unsafe or cut short, and for all
-    if answers make it no less probable than before them that the person hardly follows the KPIs.
+    It is 0 where the probability is 0.75 or less, for runs that were unsafe or cut short, and for all
+    samples if `loose` is 0.25 or more, as before any answer.
 
     Args:
         better: That probability by the draws, shape (n,).

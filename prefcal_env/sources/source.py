@@ -125,7 +125,8 @@ class Run:
         moves_plant: Whether a plant is being changed, so that nothing else may be done meanwhile.
         stopping: Whether the run was told to stop.
         progress: How far the run is; None if that is not known.
-        changed: Function that is called, from the thread of the run, when there is news.
+        changed: Function that tells front ends, from the thread of the run. Call it after each change of
+            these fields: front ends see nothing of it before.
         changes: What would be written to a plant, for a person to confirm; None if that is not
             known or nothing is.
         problem: Why the run waits, or what remains to be done after it, as a sentence.

@@ -1,4 +1,4 @@
-"""Keep beside a study what only saves time: it may be lost, damaged or foreign at any moment.
+"""Keep files beside a study that only save time: each may be lost, damaged or foreign at any moment.
 
 Nothing follows from these files that does not follow from the study: whoever reads one checks that it
 is whole and was made of the same record, by the same code, and otherwise works everything out anew.
@@ -33,6 +33,8 @@ def head_of(kind: str, key: str) -> bytes:
 def is_ours(path: Path) -> bool:
     """Return whether the file is of one of these kinds, or is empty or missing."""
     try:
+        if path.exists() and not path.is_file():  # to open a pipe would wait for its other end
+            return False
         with path.open("rb") as file:
             head = file.read(_LONGEST_HEAD)
     except FileNotFoundError:

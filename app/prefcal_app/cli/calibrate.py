@@ -304,7 +304,7 @@ def calibration(
 
 @contextmanager
 def _learning(state: State, messages: Console) -> Iterator[None]:
-    """Say what takes time while an agent learns all answers of a study anew: nothing of it is saved."""
+    """Say what takes time while an agent learns the answers of a study anew, as far as nothing was kept."""
     words = f"Learning from the {len(state.answers)} answers of this study ..."
     late = threading.Timer(_SOON, say, (messages, words))
     late.daemon = True

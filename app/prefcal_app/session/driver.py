@@ -1,19 +1,25 @@
 """Drive a study: what is under way, and each event saved before it counts."""
 
+import inspect
 import platform
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
-from importlib.metadata import version
+from functools import cache
+from hashlib import sha256
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+import prefcal_agents
 from prefcal_agents.agent import Agent
 from prefcal_agents.screening.findings import Findings
 from prefcal_app.simulating import Screened, Simulator, past_of
+from prefcal_env import preferences, qp
 from prefcal_env.errors import RunError, StudyError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.plain import digest
@@ -25,6 +31,7 @@ from prefcal_env.study.beside import read_learned, write_learned
 from prefcal_scenarios.scenario import Scenario
 
 from .study import (
+    QUESTIONS,
     Ask,
     ExperimentStore,
     Moment,
@@ -167,36 +174,74 @@ class Memory:
 
     def __init__(self, file: StudyFile) -> None:
         self._file, self._kept = file, 0
+        self._path = None if file.path == ":memory:" else Path(file.path)
 
     def recall(self, agent: Agent) -> None:
-        """Let `agent` use what was kept of the same record, agent and settings."""
-        if self._file.state.history.answered >= self._WORTH:
-            agent.recall(read_learned(Path(self._file.path), _key(agent)))
-            self._kept = self._file.state.history.answered
+        """Let `agent` use what was kept of the same record, agent and settings; it raises nothing."""
+        answered = self._file.state.history.answered
+        if self._path is None or answered < self._WORTH:
+            return
+        with suppress(Exception):  # whatever it is, such as an error of one's own agent, the study opens
+            if content := read_learned(self._path, _key(agent)):
+                agent.recall(content)
+                self._kept = answered
 
     def is_due(self, agent: Agent) -> bool:
         """Return whether so much was learned since the last time that it should be kept now."""
-        return abs(agent.history.answered - self._kept) >= self._WORTH and self._file.path != ":memory:"
+        return self._path is not None and abs(agent.history.answered - self._kept) >= self._WORTH
+
+    def begun(self, agent: Agent) -> None:
+        """Take note that what `agent` has learned is being kept, so that no other thread does that, too."""
+        self._kept = agent.history.answered
 
     def keep(self, agent: Agent) -> None:
         """Keep what `agent` has learned; it raises nothing."""
-        self._kept = agent.history.answered
-        if self._kept < self._WORTH or self._file.path == ":memory:" or not self._file.in_place:
+        if self._path is None or agent.history.answered < self._WORTH or not self._file.in_place:
             return
         with suppress(Exception):  # whatever it is, the study has lost nothing
             if content := agent.learned(agent.history):
-                write_learned(Path(self._file.path), _key(agent), content)
+                write_learned(self._path, _key(agent), content)
 
 
 def _key(agent: Agent) -> str:
     """Return hexadecimal digits that change with all that is learned but the record.
 
     That is agent, version, seed and settings, and what computes: another library or kind of processor
-    may add in another order.
+    may add in another order. Raises OSError or TypeError if the agent's own code is in no file.
     """
-    libraries = [(name, version(name)) for name in ("prefcal", "numpy", "scipy", "piqp")]
-    settings = {**agent.configuration, "n_max": None}  # people add experiments, from which nothing follows
-    return digest((settings, libraries, platform.machine())).hex()
+    libraries = [(name, _version(name)) for name in ("prefcal", "numpy", "scipy", "piqp", "numba")]
+    own = sha256(Path(inspect.getfile(type(agent))).read_bytes()).digest()
+    content = _without_lengths(agent.configuration), libraries, platform.machine(), _code(), own
+    return digest(content).hex()
+
+
+def _without_lengths(configuration: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the configuration of an agent without what people change within a study.
+
+    Nothing that was learned follows from how many experiments or questions are to come.
+    """
+    settings = {name: value for name, value in configuration["settings"].items() if name != QUESTIONS}
+    return {**configuration, "n_max": None, "settings": settings}
+
+
+def _version(package: str) -> str:
+    """Return the version of a package; empty if it is not installed, such as in a checkout."""
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return ""
+
+
+@cache
+def _code() -> bytes:
+    """Return a digest of the code that learns: between releases, it changes without a new version."""
+    found = sha256()
+    for package in (prefcal_agents, preferences, qp):
+        for folder in map(Path, package.__path__):
+            for path in sorted(folder.rglob("*.py")):
+                content = path.read_bytes()
+                found.update(f"{path.relative_to(folder)}\0{len(content)}\n".encode() + content)
+    return found.digest()
 
 
 # --- Hold the runs of an interview: those in progress, and those that wait to begin.

@@ -498,13 +498,16 @@ class Interview:
         """Take no more work and end a run of the user's scenario; the study file stays open."""
         driver = self._driver
         with driver.changed:
-            if not driver.closing and self._asks:
-                driver.memory.keep(driver.agent)
-            driver.closing = True
+            first, driver.closing = not driver.closing, True
             driver.underway.stop("given up")
             if driver.thoughts.simulator is not None:
                 driver.thoughts.simulator.abandon()
             driver.changed.notify_all()
+            agent = driver.agent.copy() if first and self._asks else None
+        # Last and without the lock: it takes time, and a plant must neither wait for it nor, if Ctrl-C
+        # interrupts it, miss its stop.
+        if agent is not None:
+            driver.memory.keep(agent)
 
     @property
     def is_closed(self) -> bool:

@@ -61,6 +61,7 @@ class Think:
     def finish(self, driver: Driver, found: Screened | Abandoned | None) -> None:
         """Show the query, or let its experiment run."""
         if isinstance(found, Abandoned):
+            driver.version += 1  # so that whoever waits looks again
             return
         driver.thoughts.about = None
         if driver.agent.history.key == self.history.key and driver.phase is Phase.RUNNING:
@@ -249,6 +250,7 @@ class Keep:
 
     def __init__(self, driver: Driver) -> None:
         self.memory, self.twin = driver.memory, driver.agent.copy()
+        self.memory.begun(self.twin)
 
     def run(self) -> None:
         """Keep it."""

@@ -356,7 +356,7 @@ class Study:
         plant: What runs θ.
         thought: Whether the agent has thought about this record, to which only events were added
             that follow from it.
-        proposed: Whether the agent has proposed what can run: nothing is next until that is over.
+        proposed: Whether `next` has been followed until experiments run; any event makes it False.
     """
 
     strategy: Strategy

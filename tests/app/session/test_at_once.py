@@ -10,6 +10,7 @@ import pytest
 
 from prefcal_agents import RandomSearch
 from prefcal_app.session import Background, Choice, Phase, actions, runs, unattended
+from prefcal_app.view import now_view
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import End
 from prefcal_env.sources.rig import Rig
@@ -95,6 +96,7 @@ def test_a_study_resumes_with_the_same_pending_experiments(plant, tmp_path):
     interview = begin(plant.scenario, n_max=9, at_once=4, path=path)
     with Background(interview):
         until(interview, lambda now: now.running == 4)
+        assert now_view(interview)["progress"]["running"] == 4
         for theta in waiting(interview)[2:]:
             plant.end(theta)
         now = until(interview, asks)

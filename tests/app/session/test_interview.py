@@ -334,6 +334,14 @@ def test_without_a_person_a_theta_whose_run_raises_has_failed_and_the_study_goes
         list(unattended(broken, None))
 
 
+@pytest.mark.parametrize("choice", Choice)
+def test_every_verdict_is_foreseen(toy, choice):
+    interview = begin(toy, n_max=9, ahead=True)
+    question = worked(interview).question
+    answered = interview.do(actions.Answer(question.id, choice))
+    assert answered.phase is Phase.QUESTION  # nothing had to be computed first
+
+
 def test_the_comment_comes_back_with_the_answer_that_is_taken_back(interview):
     question = proceed(interview).question
     assert interview.do(actions.Answer(question.id, Choice.LEFT, comment="it swings")).draft == ""

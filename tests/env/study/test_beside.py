@@ -1,5 +1,7 @@
 """What is kept beside a study: whole, of the same key, or nothing; and what is something else stays."""
 
+import os
+
 import pytest
 
 from prefcal_env.study.beside import LEARNED, beside_study, read_learned, write_learned
@@ -48,8 +50,10 @@ def test_a_place_that_cannot_be_is_nothing(tmp_path, name):
 def test_a_folder_or_another_file_of_that_name_stays(tmp_path):
     (tmp_path / "mine.learned").mkdir()
     (tmp_path / "yours.learned").write_text("a diary")
-    for name in ("mine", "yours"):
+    os.mkfifo(tmp_path / "ours.learned")  # without a writer: whoever opens it waits for one
+    for name in ("mine", "yours", "ours"):
         write_learned(tmp_path / f"{name}.prefcal", "key", b"draws")
         assert read_learned(tmp_path / f"{name}.prefcal", "key") == b""
     assert (tmp_path / "mine.learned").is_dir()
     assert (tmp_path / "yours.learned").read_text() == "a diary"
+    assert (tmp_path / "ours.learned").is_fifo()

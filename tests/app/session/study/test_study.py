@@ -5,7 +5,7 @@ from dataclasses import replace
 from prefcal_agents import GLISp
 from prefcal_app.session import Choice, actions
 from prefcal_app.session.study import Ask, Moment, Settle, Study, Write
-from prefcal_env.preferences.history import History
+from prefcal_env.preferences.history import History, Lead
 from prefcal_env.study import Answered, Created, Ended, Finished, Led
 from prefcal_env.study.fold import begin as created
 from prefcal_env.study.fold import step
@@ -70,11 +70,12 @@ def test_an_unsafe_run_never_leads_whatever_the_agent_says():
     interview.do(actions.Answer(question.id, Choice.RIGHT))
     proceed(interview)
     study = interview._driver.study
-    for leader, led in ((question.left.index, False), (question.right.index, True)):
-        history, strategy = replace(study.state.history, leads=()), study.strategy.copy()
+    unsafe, safe = question.left.index, question.right.index
+    for leader, before, led in ((unsafe, safe, False), (safe, unsafe, True)):
+        history, strategy = study.state.history, study.strategy.copy()
+        history = replace(history, leads=(Lead(before, history.given),))
         turn = strategy.turn(history)._replace(best=leader)
         strategy.turn = lambda _, turn=turn: turn
-        vars(history)["incumbent"] = None  # what the answers say is another one
         other = replace(study, strategy=strategy, state=replace(study.state, history=history))
         assert (other.next() == Write(Led(leader))) is led
 
