@@ -163,11 +163,7 @@ def verify(
     found = _scenario(scenario, theta)
     thetas = [found.space.check(np.asarray(each, dtype=float)) for each in (theta, start) if each is not None]
     found, known = _with_kpis(found, thetas[0], seed, timeout), _varied(found)
-    factors = within(known.factors, ranges or {})
-    if not factors:
-        raise SettingsError("nothing varies: all ranges are 0")
-    fixed = ((f.name, "its range is 0") for f in known.factors if f.name not in {g.name for g in factors})
-    left_out = (*known.left_out, *fixed)
+    factors, fixed = _within(known.factors, ranges or {})
     tunings = list(_nominally(found, known, thetas, seed, timeout))
     factors, unfair = _fair(found, known, factors, tunings[0], timeout)
     cases = tuple(_cases(factors, len(tunings), runs, seed))
@@ -182,11 +178,24 @@ def verify(
         replace(each, runs=tuple(part))
         for each, part in zip(tunings, (made[:runs], made[alone:]), strict=False)
     )
-    left_out = (*left_out, *unfair, *UNMODELED)
+    left_out = (*known.left_out, *fixed, *unfair, *UNMODELED)
     kept = before[0] if before and before[0].runs else None
     return Verification(
         found.name, found.kpis, factors, left_out, runs, tuning, kept, tuple(made[runs:alone])
     )
+
+
+def _within(known: tuple[Factor, ...], ranges: Ranges) -> tuple[tuple[Factor, ...], list[LeftOut]]:
+    """Return what varies with these ranges, and what somebody left out by a range of 0.
+
+    Raises:
+        SettingsError: If a range is not valid, or all are 0.
+    """
+    factors = within(known, ranges)
+    if not factors:
+        raise SettingsError("nothing varies: all ranges are 0")
+    names = {factor.name for factor in factors}
+    return factors, [(f.name, "its range is 0") for f in known if f.name not in names]
 
 
 def unvaried(scenario: Scenario, theta: Float[np.ndarray, " n"], made: HasKPIs) -> Verification:
