@@ -414,7 +414,7 @@ class PlantEnv(gym.Env[Array, Array]):
         # Nothing is drawn without jitter, so that its absence leaves the noise of a seed as it was.
         late = self.task.jitter * int(self.np_random.integers(-1, 2)) if self.task.jitter else 0.0
         t = instants(self._t, (self._steps + late) * self._T_s, self.task.dense_step)
-        held = self._lagged(u, float(t[-1] - t[0]))
+        held = self._move_actuators(u, float(t[-1] - t[0]))
         if self._dead_time is None:
             later = self.plant.hold(self._x, held, d, t[1:] - self._t)
         else:
@@ -520,7 +520,7 @@ class PlantEnv(gym.Env[Array, Array]):
             )
         return found
 
-    def _lagged(self, u: Array, duration: float) -> Array:
+    def _move_actuators(self, u: Array, duration: float) -> Array:
         """Return the mean of the inputs on their way to `u`, shape (n_u,), and move them on."""
         missing, self._reached = self._reached - u, u
         if not self.task.lag:

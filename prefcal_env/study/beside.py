@@ -1,7 +1,7 @@
 """Keep files beside a study that only save time: each may be lost, damaged or foreign at any moment.
 
-Nothing follows from these files that does not follow from the study: whoever reads one checks that it
-is whole and was made of the same record, by the same code, and otherwise works everything out anew.
+They hold nothing that does not follow from the study. A reader checks that a file is whole and was made
+from the same record by the same code; if not, everything is computed again.
 """
 
 import re

@@ -264,7 +264,7 @@ def _first(seed: int) -> KPIFit:
     return KPIFit(bank, np.arange(0), scale, _draw(scale, _rng(seed, History())))
 
 
-def _recalled(past: History, draws: bytes) -> KPIFit | None:
+def _restore_fit(past: History, draws: bytes) -> KPIFit | None:
     """Return the fit after `past` that an earlier session kept the draws of; None if they do not fit."""
     bank, part = _experiments(past), Subset.of(past).history
     scale = Scale.of(bank, np.arange(len(bank)))
@@ -581,7 +581,7 @@ class ModelSelection:
 
         def fit(past: History) -> KPIFit | None:
             draws = learned.draws.get(past.key)
-            return None if draws is None else _recalled(past, draws)
+            return None if draws is None else _restore_fit(past, draws)
 
         self._stages.recalled = stage
         if self._kpi_fits is not None:

@@ -329,7 +329,7 @@ class Screening(Simulating):
             held = self.simulations.runs_kept(stage.bank.thetas[rows]) == ENOUGH
             better = better * held
             if not held[best]:
-                # Any that holds is a rival, whoever answers; the largest worth among them leads.
+                # All that hold are rivals, for any person; the one with the largest worth leads.
                 better, loose = held.astype(float), 0.0
         rivals = overtaking(better, loose, history) > 0
         if not rivals.any():

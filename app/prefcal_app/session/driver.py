@@ -211,7 +211,7 @@ def _key(agent: Agent) -> str:
     """
     libraries = [(name, _version(name)) for name in ("prefcal", "numpy", "scipy", "piqp", "numba")]
     own = sha256(Path(inspect.getfile(type(agent))).read_bytes()).digest()
-    content = _without_lengths(agent.configuration), libraries, platform.machine(), _code(), own
+    content = _without_lengths(agent.configuration), libraries, platform.machine(), _digest_code(), own
     return digest(content).hex()
 
 
@@ -233,7 +233,7 @@ def _version(package: str) -> str:
 
 
 @cache
-def _code() -> bytes:
+def _digest_code() -> bytes:
     """Return a digest of the code that learns: between releases, it changes without a new version."""
     found = sha256()
     for package in (prefcal_agents, preferences, qp):

@@ -61,7 +61,7 @@ class Think:
     def finish(self, driver: Driver, found: Screened | Abandoned | None) -> None:
         """Show the query, or let its experiment run."""
         if isinstance(found, Abandoned):
-            driver.version += 1  # so that whoever waits looks again
+            driver.version += 1  # wakes the threads that wait
             return
         driver.thoughts.about = None
         if driver.agent.history.key == self.history.key and driver.phase is Phase.RUNNING:

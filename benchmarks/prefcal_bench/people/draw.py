@@ -159,7 +159,7 @@ def decided(priority: Noticed, a: Runs, b: Runs) -> float:
     return float(np.mean((priority.verdict(a, b) != 0) & together))
 
 
-# People with eyes, to whom what differs by little is about the same.
+# People with eyes: to them, runs that differ by little are about the same.
 
 
 def order(runs: Runs, rng: np.random.Generator) -> Noticing:

@@ -229,7 +229,7 @@ def _leaders(ends: pd.DataFrame) -> set[str]:
 
 
 def _worth_cells(row: Any) -> list[str]:
-    """Return worth with its interval, middle half, answers, who beats whom, and drift as text."""
+    """Return the cells of a row as text: worth, middle half, answers, chance to be better, drift."""
     return [
         with_interval(row.worth, row.worth_low, row.worth_high),
         plain_number(row.interquartile_mean),

@@ -149,7 +149,7 @@ OTHERS = {
         lambda name: "0" if name == "scipy" else version(name),
     ),
     "processor": ("platform.machine", lambda: "vax"),
-    "code": ("prefcal_app.session.driver._code", lambda: b"of another commit"),
+    "code": ("prefcal_app.session.driver._digest_code", lambda: b"of another commit"),
 }
 
 
@@ -181,10 +181,10 @@ def test_what_was_learned_holds_however_many_questions_are_to_come(study, change
 def test_the_code_that_learns_is_told_apart_by_what_is_in_it(tmp_path, monkeypatch):
     (tmp_path / "fit.py").write_text("HALF = 0.5")
     monkeypatch.setattr("prefcal_env.qp.__path__", [str(tmp_path)])
-    before = driver._code.__wrapped__()
-    assert driver._code.__wrapped__() == before
+    before = driver._digest_code.__wrapped__()
+    assert driver._digest_code.__wrapped__() == before
     (tmp_path / "fit.py").write_text("HALF = 0.6")
-    assert driver._code.__wrapped__() != before
+    assert driver._digest_code.__wrapped__() != before
 
 
 def test_a_checkout_that_is_not_installed_keeps_what_it_learns(study, monkeypatch):

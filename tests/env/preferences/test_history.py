@@ -1,6 +1,6 @@
 """The record of a study: rules that the agent and the study file share."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -114,6 +114,7 @@ def test_the_key_of_a_record_depends_on_all_that_agents_go_by():
         kept(incumbent=None),
         *(kept(answer=a) for a in (Answer(-1), Answer(1, strength=2.0), Answer(1, value=0.5))),
         kept(answer=Answer(1, marks=(Mark.INCUMBENT_UNSAFE,))),
+        kept(answer=Answer(1, marks=(Mark.INCUMBENT_UNSAFE,), automatic=(Mark.INCUMBENT_UNSAFE,))),
         kept(answer=Answer(1, outcomes=({"a": -1.0}, None))),
         kept(answer=Answer(1, outcomes=({"a": -2.0}, None))),  # Python's hash of both is the same
         kept(answer=Answer(1, outcomes=({"a": np.inf}, None))),
@@ -124,6 +125,9 @@ def test_the_key_of_a_record_depends_on_all_that_agents_go_by():
         kept().until(1),
     ]
     assert len({kept().key, *(other.key for other in others)}) == len(others) + 1
+    # The key names them one by one: a new field of an answer must be added to it and above.
+    told = {"preference", "strength", "marks", "outcomes", "value", "automatic"}
+    assert {field.name for field in fields(Answer)} == told
 
 
 def test_the_kpis_of_samples_are_one_table_with_what_was_told_first():

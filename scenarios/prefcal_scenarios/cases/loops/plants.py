@@ -378,7 +378,7 @@ def simulate(plant, control, signals, timing, start):  # type: ignore[no-untyped
             _copy(u[k - 1], u[k])
         if k + 1 < count:
             applied = u[k - delay] if k >= delay else u0
-            _lagged(applied, lag, dt, reached, held)
+            _follow(applied, lag, dt, reached, held)
             _step(kind, p, x[k], held, disturbance[k], dt, work, x[k + 1])
             inside, finite = _within(x[k + 1], limits)
             if not inside:
@@ -396,7 +396,7 @@ def _copy(source, target):  # type: ignore[no-untyped-def]
 
 
 @inner()
-def _lagged(u, lag, dt, reached, held):  # type: ignore[no-untyped-def]
+def _follow(u, lag, dt, reached, held):  # type: ignore[no-untyped-def]
     """Move actuators on towards `u`, and write their mean meanwhile to `held`."""
     for j in range(len(u)):
         missing = reached[j] - u[j]
@@ -455,7 +455,7 @@ def advance(plant, timing, at, history, limits):  # type: ignore[no-untyped-def]
     work, held = np.zeros((5, x.shape[1])), u0.copy()
     for k in range(first, last):
         applied = u[k - delay] if k >= delay else u0
-        _lagged(applied, lag, dt, reached, held)
+        _follow(applied, lag, dt, reached, held)
         _step(kind, p, x[k], held, disturbance[k], dt, work, x[k + 1])
         inside, finite = _within(x[k + 1], limits)
         if not inside:
