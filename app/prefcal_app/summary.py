@@ -272,8 +272,8 @@ class Planned:
     def place(self, *, over: bool, further: bool) -> str:
         """Return how far the study is, such as "question 3 of 10"."""
         if over:
-            done = self.answered >= self.total
-            return f"{self.answered} {'' if done else f'of {self.total} '}questions answered"
+            of = "" if self.answered >= self.total else f"of {self.total} "
+            return f"{self.answered} {of}{'question' if self.total == 1 else 'questions'} answered"
         if further:
             return f"follow-up question, after {self.answered} of {self.total}"
         return f"question {min(self.answered + 1, self.total)} of {self.total}"

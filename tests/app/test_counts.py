@@ -15,6 +15,7 @@ from prefcal_app.report.export import best_as_json
 from prefcal_app.report.record import comparisons_as_csv
 from prefcal_app.report.write import page
 from prefcal_app.session import Choice, actions
+from prefcal_app.summary import Planned
 from prefcal_app.terminal.showing import show_status
 from prefcal_app.view import now_view, status_view
 from support.interviews import THREE, begin, judge, proceed, until_further
@@ -137,6 +138,18 @@ def test_the_promised_number_of_questions_is_reached_and_never_passed():
         study.do(actions.Answer(question.id, Choice.LEFT if len(numbers) % 3 else Choice.RIGHT))
     assert numbers == [1, 2, 3, 4, 5]
     assert now_view(study)["progress"]["text"] == "5 questions answered"
+
+
+@pytest.mark.parametrize(
+    ("planned", "said"),
+    [
+        (Planned(1, 1), "1 question answered"),
+        (Planned(0, 1), "0 of 1 question answered"),
+        (Planned(1, 5), "1 of 5 questions answered"),
+    ],
+)
+def test_one_question_is_not_plural(planned, said):
+    assert planned.place(over=True, further=False) == said
 
 
 def test_follow_ups_are_called_so_and_do_not_count():
