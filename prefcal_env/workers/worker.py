@@ -198,6 +198,7 @@ class Process:
                     self._bell.set()
             except ValueError:  # a result could not be told from what the code wrote
                 self._damaged = True
+        self.dismiss()  # however it ended: a session of hundreds of workers keeps no pipe open
         self._silent = True
         self._bell.set()
 

@@ -5,6 +5,7 @@ import pickle
 import signal
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -268,6 +269,24 @@ def test_a_closed_worker_runs_nothing_and_leaves_no_process(worker, gently):
     assert not is_running(pid)
     with pytest.raises(RunError, match="closing"):
         one.run(("double", 1))
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="needs the list of open files")
+@pytest.mark.parametrize("how", ["closed", "closed gently", "late", "died"])
+def test_however_a_process_ends_none_of_its_pipes_stays_open(worker, how):
+    def pipes():
+        return {one for one in Path("/proc/self/fd").iterdir() if one.is_fifo()}
+
+    before = pipes()
+    one = worker(limit=1.0)
+    one.run(("double", 1))
+    assert pipes() > before
+    if how.startswith("closed"):
+        one.close(gently=how == "closed gently")
+    else:
+        with pytest.raises(RunError):
+            one.run("hang" if how == "late" else "die")
+    wait_until(lambda: pipes() <= before)
 
 
 def test_ctrl_c_ends_what_runs_at_once(worker, tmp_path):
