@@ -106,8 +106,9 @@ class Knob:
             # 3 · 0.1 is 0.30000000000000004: cut, it is the number that a person would type.
             near = float(f"{floor(value / step + 0.5) * step:.{_DIGITS}g}")
         near = min(max(near, self.low), self.high)
-        # The ends are values, too, though they need not be multiples of the step.
-        return min((near, self.low, self.high), key=lambda end: abs(end - value))
+        for end in (self.low, self.high):  # values, too, though they need not be multiples of the step
+            near = end if abs(end - value) < abs(near - value) else near
+        return near
 
     def round_within(self, value: float, part: tuple[float, float]) -> float:
         """Return `value` rounded by `round` and kept inside a part (low, high) of the range."""

@@ -297,14 +297,12 @@ class Remembered(Generic[Known]):
         """Return whether what is known of `history` is in memory, so that it takes no time."""
         return history.key in self._known
 
-    def recall(self, history: History, known: Known) -> None:
-        """Remember what an earlier session worked out of `history`."""
-        self._known[history.key] = known
-
 
 @final
 class Stages(Generic[Known]):
     """What is known after each answer, which follows from what was known one answer earlier.
+
+    What is known is never None, and the latest of it is in memory.
 
     Args:
         first: Function that returns what is known before the first answer.
@@ -328,24 +326,28 @@ class Stages(Generic[Known]):
         whole: bool = False,
     ) -> None:
         self._first, self._following, self._most, self._whole = first, following, most, whole
-        self._known = Remembered(self._work_out, _STAGES)
+        self._known: OrderedDict[bytes, Known] = OrderedDict()
         self.recalled: Callable[[History], Known | None] = lambda past: None
 
     def __call__(self, history: History) -> Known:
         """Return what is known after `history`."""
         here, steps = history.past, list[History]()
         # From the latest one in memory on: a step that asks for the one before would nest too deeply.
-        while not self._is_at_hand(here) and (before := self._before(here)) is not None:
+        while (known := self._at_hand(here)) is None and (before := self._before(here)) is not None:
             steps.append(here)
             here = before
-        known = self._known(here, None)
+        if known is None:
+            known = self._known[here.key] = self._first()
         for step in reversed(steps):
-            here, known = step, self._known(step, (here, known))
+            known = self._known[step.key] = self._following(step, here, known)
+            here = step
+            while len(self._known) > _STAGES:
+                self._known.popitem(last=False)
         return known
 
     def __contains__(self, history: History) -> bool:
         """Return whether what is known after `history` is in memory."""
-        return history.past in self._known
+        return history.past.key in self._known
 
     def worth_keeping(self, history: History) -> Iterator[tuple[bytes, Known]]:
         """Yield what is in memory and what the next stages, and those after an undo, follow from soon.
@@ -354,25 +356,19 @@ class Stages(Generic[Known]):
         """
         count = history.answered
         recent = (history.until(k) for k in range(count, max(count - _SELDOM, 0), -1))
-        latest = next((past for past in recent if past in self._known), None)
+        latest = next((past for past in recent if past.key in self._known), None)
         # Long steps begin at every tenth answer, and so does what follows after an undo.
         for past in (latest, history.until((count - 1) // _SELDOM * _SELDOM)):
-            if past is not None and past.answered and past in self._known:
-                yield past.key, self._known(past, None)
+            known = None if past is None or not past.answered else self._known.get(past.key)
+            if past is not None and known is not None:
+                yield past.key, known
 
-    def _is_at_hand(self, past: History) -> bool:
-        """Return whether what is known after `past` is in memory, or was kept by an earlier session."""
-        if past in self._known:
-            return True
-        found = self.recalled(past)
-        if found is not None:
-            self._known.recall(past, found)
-        return found is not None
-
-    def _work_out(self, past: History, before: tuple[History, Known] | None) -> Known:
-        if before is None and (earlier := self._before(past)) is not None:
-            before = earlier, self(earlier)  # another thread dropped what was in memory just now
-        return self._first() if before is None else self._following(past, *before)
+    def _at_hand(self, past: History) -> Known | None:
+        """Return what is known after `past` if it is in memory, or was kept by an earlier session."""
+        known = self._known.get(past.key)
+        if known is None and (known := self.recalled(past)) is not None:
+            self._known[past.key] = known
+        return known
 
     def _before(self, past: History) -> History | None:
         """Return the record one step before `past`; None if nothing is answered."""

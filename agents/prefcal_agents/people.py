@@ -412,8 +412,9 @@ class Utilities:
     def where(self, mask: Bool[np.ndarray, " s"], other: "Utilities") -> "Utilities":
         """Return these draws, and those of `other` where `mask` holds, shape (s,)."""
         rows = np.arange(len(self)) + len(self) * mask
-        both = (np.concatenate([getattr(u, f.name) for u in (self, other)]) for f in fields(self))
-        return Utilities(*(values[rows] for values in both))
+        return Utilities(
+            *(np.concatenate([getattr(self, f.name), getattr(other, f.name)])[rows] for f in fields(self))
+        )
 
     def mutate(self, other: "Utilities", rng: np.random.Generator) -> "Utilities":
         """Return other draws to try: in each, one KPI or what is common is drawn again.

@@ -74,6 +74,9 @@ def ways(traces: Any) -> Iterator[Row]:
     for what, trace, files, crossings in found:
         yield Row(f"{what}: files", trace.files, files)
         yield Row(f"{what}: crossings", trace.crossings, crossings)
+        if what.startswith("answer"):
+            yield Row(f"{what}: functions", trace.functions, 440)
+            yield Row(f"{what}: stack in the median", trace.stack, 12)
 
 
 def parts(imports: Any) -> Iterator[Row]:

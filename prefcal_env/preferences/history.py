@@ -656,3 +656,9 @@ def _unsafe(answers: Iterable[Comparison], *, automatic: bool = False) -> frozen
         if Mark.INCUMBENT_UNSAFE in marks and c.incumbent is not None:
             found.add(c.incumbent)
     return frozenset(found)
+
+
+def lost_since(history: History) -> int:
+    """Return the number of answers since a challenger won; all of them if none did."""
+    won = [c.answer.preference is Preference.CHALLENGER for c in reversed(history.lessons)]
+    return won.index(True) if True in won else len(won)

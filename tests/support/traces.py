@@ -2,11 +2,12 @@
 
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from types import FrameType, ModuleType
+from statistics import median
+from types import CodeType, FrameType, ModuleType
 from typing import Any, NamedTuple
 
 import prefcal_agents
@@ -45,26 +46,47 @@ own = Scenario("own", "Own", knobs, run, kpis=(KPI("effort", "Effort", "%", bett
 
 
 class Trace(NamedTuple):
-    """How many files some work enters, and how often the flow of its calls changes the file."""
+    """What a reader meets who follows some work, call by call; comprehensions count as functions.
+
+    Args:
+        files: Number of files that it enters.
+        crossings: How often the flow of its calls changes the file.
+        functions: Number of functions that it enters.
+        stack: How deep a call is in the median, in functions of ours.
+    """
 
     files: int
     crossings: int
+    functions: int
+    stack: float
 
 
 def traced(work: Callable[[], Any], packages: tuple[ModuleType, ...] = PACKAGES) -> Trace:
     """The trace of `work`. Modules that it imports for the first time count, so work before."""
-    homes, entered = tuple(f"{Path(str(p.__file__)).parent}{os.sep}" for p in packages), list[str]()
+    homes = tuple(f"{Path(str(p.__file__)).parent}{os.sep}" for p in packages)
+    entered, depths = list[CodeType](), list[int]()
 
     def watch(frame: FrameType, event: str, _: Any) -> None:
         if event == "call" and frame.f_code.co_filename.startswith(homes):
-            entered.append(frame.f_code.co_filename)
+            entered.append(frame.f_code)
+            depths.append(sum(code.co_filename.startswith(homes) for code in callers(frame)))
 
     sys.setprofile(watch)
     try:
         work()
     finally:
         sys.setprofile(None)
-    return Trace(len(set(entered)), sum(a != b for a, b in pairwise(entered)))
+    files = [code.co_filename for code in entered]
+    changes = sum(a != b for a, b in pairwise(files))
+    functions = {(code.co_filename, code.co_qualname) for code in entered}
+    return Trace(len({*files}), changes, len(functions), median(depths))
+
+
+def callers(frame: FrameType | None) -> Iterator[CodeType]:
+    """Yield the code of a frame, and of those that called it."""
+    while frame is not None:
+        yield frame.f_code
+        frame = frame.f_back
 
 
 def simulated(theta: Any) -> dict[str, float]:

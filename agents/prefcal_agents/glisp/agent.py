@@ -29,7 +29,7 @@ from prefcal_agents.search import (
 from prefcal_agents.surrogate import PreferenceGP, Surrogate
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.preferences.answer import Preference
-from prefcal_env.preferences.history import History, contradictory, reigns
+from prefcal_env.preferences.history import History, contradictory, lost_since, reigns
 
 from .fits import (
     ALMOST_SURE,
@@ -346,12 +346,6 @@ class Foresight:
         """Return the chance that it is noticeably better; None if nothing can be said."""
         constant, *slopes = _CHANCE
         return float(expit(constant + np.dot(slopes, self.terms))) if self.terms else None
-
-
-def lost_since(history: History) -> int:
-    """Return the number of answers since a challenger won; all of them if none did."""
-    won = [c.answer.preference is Preference.CHALLENGER for c in reversed(history.lessons)]
-    return won.index(True) if True in won else len(won)
 
 
 _STREAM = 4  # stream of random numbers

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.special import expit, logit, logsumexp
 
 from prefcal_agents.agent import Pair, Setup
-from prefcal_agents.glisp.agent import lost_since, propose
+from prefcal_agents.glisp.agent import propose
 from prefcal_agents.glisp.fits import GLISpSettings, ModelSelection
 from prefcal_agents.lessons import Remembered
 from prefcal_agents.people import (
@@ -28,7 +28,7 @@ from prefcal_agents.people import (
 )
 from prefcal_agents.search import Tried
 from prefcal_env.knobs import KnobSpace
-from prefcal_env.preferences.history import History
+from prefcal_env.preferences.history import History, lost_since
 
 from .bank import ENOUGH, Growth, Simulating, Simulations, Stage
 
@@ -255,7 +255,6 @@ class Screening(Simulating):
 
     def _prepare(self) -> None:
         self._evidences = Remembered(self._evidence_after)
-        self._stages = Remembered(lambda past: self.growth.stage(past))
 
     # What people and programs look at.
 
@@ -297,7 +296,7 @@ class Screening(Simulating):
 
     def stage(self, history: History) -> Stage:
         """Return what is known after `history`, which is remembered; it simulates if needed."""
-        return self._stages(history.past)
+        return self.growth.stage(history)
 
     @property
     def growth(self) -> Growth:

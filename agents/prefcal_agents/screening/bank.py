@@ -120,7 +120,7 @@ class Simulations:
                 it should: KPIs by name, the same names for every θ.
         """
         keys = theta_keys(thetas)
-        if any(key not in self._known for key in keys):
+        if not self._known.keys() >= {*keys}:
             self._run(dict(zip(keys, thetas, strict=True)))
             self._check_names()
         if keys:
@@ -370,14 +370,10 @@ class Growth:
         wide = sum(count for count, _ in self._plan)
         # One design for both parts, which fill the space together.
         self._design = latin_hypercube(space, wide, seed) if given is None else space.encode_all(given)
-        self._stages = Stages(self._first, self._following)
+        self.stage = Stages(self._first, self._following)
+        """What is known after a record, simulating what was not simulated yet."""
         self.pool = Remembered(self._pool, 1)  # the latest one: it is large
         """Draws of the study after a record, which say what other answers would teach."""
-
-    def stage(self, history: History) -> Stage:
-        """Return what is known after `history`, simulating what was not simulated yet."""
-        with one_thread():
-            return self._stages(history)
 
     def _pool(self, history: History) -> Pool:
         stage, last = self.stage(history), history.answered
@@ -413,12 +409,15 @@ class Growth:
 
     def _first(self) -> Stage:
         """Return the stage before the first answer: leaders by what anybody may want."""
-        wide, near = self._plan[0]
-        bank = self._simulated(*self._space.proposals(self._design[:wide]))
-        spread = np.arange(len(bank))
-        scale = Scale.of(bank, spread, self.simulations.reading.limits)
-        stage = self._stage(History(), bank, spread, scale, self._drawn(scale, self._rng(History(), _LEARN)))
-        return self._refined(History(), stage, near)
+        with one_thread():
+            wide, near = self._plan[0]
+            bank = self._simulated(*self._space.proposals(self._design[:wide]))
+            spread = np.arange(len(bank))
+            scale = Scale.of(bank, spread, self.simulations.reading.limits)
+            stage = self._stage(
+                History(), bank, spread, scale, self._drawn(scale, self._rng(History(), _LEARN))
+            )
+            return self._refined(History(), stage, near)
 
     def _stage(
         self,
@@ -453,23 +452,24 @@ class Growth:
 
     def _following(self, past: History, before: History, stage: Stage) -> Stage:
         """Return the stage after `past`, given the one after `before`, a step earlier."""
-        if past.answered == before.answered:  # follow-ups teach, but bring no new θ
-            bank = self._simulated(stage.bank.z, stage.bank.thetas)
-            utilities = self._learned(past, before, bank, stage.scale, stage.utilities)
-            return self._stage(past, bank, stage.spread, stage.scale, utilities)
-        turn = past.answered - 1  # the first one is compared with nothing
-        # Turn 0 is the bank before the first question, which `_first` has simulated.
-        wide, near = self._plan[turn] if 0 < turn < len(self._plan) else (0, 0)
-        bank, spread = self._widened(stage, past, turn, wide)
-        scale, utilities = Scale.of(bank, spread, self.simulations.reading.limits), stage.utilities
-        if scale.names != stage.scale.names:  # a KPI was always the same before: begin again
-            before, utilities = History(), self._drawn(scale, self._rng(History(), _LEARN))
-        elif not np.array_equal(scale.limits, stage.scale.limits):  # a KPI found a better value
-            utilities = limited(scale, utilities)
-        utilities = self._learned(past, before, bank, scale, utilities)
-        judges = _GUIDES if near else _JUDGES
-        stage = self._stage(past, bank, spread, scale, utilities, judges)
-        return self._refined(past, stage, near)
+        with one_thread():
+            if past.answered == before.answered:  # follow-ups teach, but bring no new θ
+                bank = self._simulated(stage.bank.z, stage.bank.thetas)
+                utilities = self._learned(past, before, bank, stage.scale, stage.utilities)
+                return self._stage(past, bank, stage.spread, stage.scale, utilities)
+            turn = past.answered - 1  # the first one is compared with nothing
+            # Turn 0 is the bank before the first question, which `_first` has simulated.
+            wide, near = self._plan[turn] if 0 < turn < len(self._plan) else (0, 0)
+            bank, spread = self._widened(stage, past, turn, wide)
+            scale, utilities = Scale.of(bank, spread, self.simulations.reading.limits), stage.utilities
+            if scale.names != stage.scale.names:  # a KPI was always the same before: begin again
+                before, utilities = History(), self._drawn(scale, self._rng(History(), _LEARN))
+            elif not np.array_equal(scale.limits, stage.scale.limits):  # a KPI found a better value
+                utilities = limited(scale, utilities)
+            utilities = self._learned(past, before, bank, scale, utilities)
+            judges = _GUIDES if near else _JUDGES
+            stage = self._stage(past, bank, spread, scale, utilities, judges)
+            return self._refined(past, stage, near)
 
     def _widened(
         self, stage: Stage, past: History, turn: int, wide: int
@@ -490,9 +490,10 @@ class Growth:
         if not past.lessons and not past.unsafe:
             return utilities
         seen = Measured.of(bank, past, self.simulations.reading).on(bank)
-        earlier = self._earlier_lessons(scale)
-        old = Lessons.of(seen, scale, before).join(earlier)
-        new = Lessons.of(seen, scale, past).join(earlier)
+        old, new = Lessons.of(seen, scale, before), Lessons.of(seen, scale, past)
+        if self._taste:
+            earlier = self._earlier_lessons(scale)
+            old, new = old.join(earlier), new.join(earlier)
         return updated(utilities, old, new, scale, self._rng(past, _LEARN))
 
     def _refined(self, past: History, stage: Stage, count: int) -> Stage:

@@ -545,25 +545,22 @@ class Driver:
         self.thoughts.prefetch.forget()
         self.underway.forget(() if self.state.ended else self.study.unfinished)
         try:
-            self._proceed()
+            while True:
+                match self.study.next():
+                    case Write(Suggested(index=index, theta=theta) as event):
+                        self.append(event, *self.finished(index, theta))
+                    case Write(event):
+                        self.append(event)
+                    case Settle(index):
+                        self.append(self._settle(index))
+                    case Ask(shown):
+                        return self.show(shown)
+                    case moment:
+                        if moment in (Moment.RUN, Moment.RECORD, Moment.CONFIRM):
+                            self._wait()
+                        return self.feed(moment)
         except Exception as error:
             self.feed(Moment.BROKEN, error)
-
-    def _proceed(self) -> None:
-        while True:
-            match self.study.next():
-                case Write(Suggested(index=index, theta=theta) as event):
-                    self.append(event, *self.finished(index, theta))
-                case Write(event):
-                    self.append(event)
-                case Settle(index):
-                    self.append(self._settle(index))
-                case Ask(shown):
-                    return self.show(shown)
-                case moment:
-                    if moment in (Moment.RUN, Moment.RECORD, Moment.CONFIRM):
-                        self._wait()
-                    return self.feed(moment)
 
     def finished(self, index: int, theta: Point) -> list[Event | tuple[Finished, Experiment]]:
         """Return the event that adds the experiment of θ as sample `index`, if it is already known."""

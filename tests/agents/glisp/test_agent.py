@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from prefcal_agents import GLISp, GLISpSettings, minimize_by_preference, restore
-from prefcal_agents.glisp.agent import FROM, Foresight, lost_since
+from prefcal_agents.glisp.agent import FROM, Foresight
 from prefcal_agents.glisp.fits import train
 from prefcal_agents.surrogate import FOLDS, Learning
 from prefcal_env.errors import KnobError, SettingsError
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preferences.answer import Answer
-from prefcal_env.preferences.history import Comparison, History
+from prefcal_env.preferences.history import Comparison, History, lost_since
 from support.latent import CAMEL
 from support.studies import by, drive
 

@@ -76,7 +76,7 @@ def test_a_long_study_takes_one_step_for_each_answer_though_early_ones_are_forgo
     known = counting.stages(record.until(2))  # forgotten, and worked out again
     assert known == ((1, 0), (2, 0))
     assert len(counting.steps) == 62
-    assert len(counting.stages._known._known) <= 40
+    assert len(counting.stages._known) <= 40
 
 
 def test_of_a_long_study_ten_answers_at_once_are_a_step_and_the_rest():
