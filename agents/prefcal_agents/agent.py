@@ -14,7 +14,7 @@ from prefcal_env.errors import KnobError, ProtocolError, SettingsError
 from prefcal_env.knobs import KnobSpace, theta_key
 from prefcal_env.plain import from_plain, to_plain
 from prefcal_env.preferences.answer import Answer, Query, Suggestion
-from prefcal_env.preferences.history import History, Sample, representative, undominated
+from prefcal_env.preferences.history import History, Sample, find_undominated, representative
 
 from .lessons import Remembered
 from .search import Tried, capacity
@@ -359,12 +359,12 @@ class Strategy:
         """Return the sample to hold for the best; None if the answers alone say which it is."""
         return None
 
-    def learned(self, history: History) -> bytes:
+    def remember(self, history: History) -> bytes:
         """Return what took long to learn from `history`, for `recall`; empty if nothing does."""
         return b""
 
     def recall(self, learned: bytes) -> None:
-        """Use what an agent with the same settings `learned`, as far as the record is the same."""
+        """Use what `remember` of the same settings returned, as far as the record is the same."""
 
     def _prepare(self) -> None:
         """Load what proposals need, and make what remembers them."""
@@ -400,7 +400,7 @@ class Strategy:
         space, count = self.setup.space, len(history.samples)
         if count < len(self.setup.start):
             return Sample.of(space, np.array(self.setup.start[count]))
-        past = supposed(self._learned(history))
+        past = suppose(self._learned(history))
         with one_thread():
             z, tried = self.propose(past), Tried(space, past)
             sample = Sample.of(space, space.snap(z))
@@ -681,7 +681,7 @@ def _suggestion(history: History, index: int) -> Suggestion:
     return Suggestion(index, np.array(history.samples[index].theta))
 
 
-def supposed(history: History) -> History:
+def suppose(history: History) -> History:
     """Return the record as if nobody could tell how good pending experiments are.
 
     It is the record itself if none is pending. Other suppositions, such as the constant liar of
@@ -705,7 +705,7 @@ def rematch(history: History) -> Pair | None:
     best, verdicts = history.by_answers, history.verdicts()
     if best is None:
         return None
-    for group in undominated(verdicts, history.unsafe):
+    for group in find_undominated(verdicts, history.unsafe):
         rival = representative(verdicts, group)
         if best not in group and not history.asked(best, rival, standing=True):
             return max(best, rival), min(best, rival)

@@ -12,7 +12,7 @@ from prefcal_env.errors import SettingsError
 from prefcal_env.preferences.history import History, KPIValues
 
 from .agent import Agent, Settings, choice
-from .lessons import cube_of, normalized, scores_of
+from .lessons import cube_of, normalize, scores_of
 from .people import Bank
 from .screening.bank import Simulating
 from .search import Tried, latin_hypercube, new_minimum, random_points, step_length
@@ -267,7 +267,7 @@ class GLIS(Agent):
     def _interpolant(self, history: History) -> tuple[Interpolant, Float[np.ndarray, " K"]]:
         scored, values = scores_of(history)
         # The range becomes 1, which is ΔF of equation 10.
-        values = normalized(values, self.settings.ceiling)
+        values = normalize(values, self.settings.ceiling)
         x = 2 * cube_of(history)[scored] - 1
         return best_interpolant(x, values, self.settings.epsilons, self.settings.rbf), values
 

@@ -9,10 +9,10 @@ from jaxtyping import Float
 
 from prefcal_env.preferences.history import History
 
-from .lessons import Preferences, filled_kpis, normalized
+from .lessons import Preferences, fill_kpis, normalize
 from .surrogate import Constraints, Learning, fit
 
-CEILING = 2.0  # see `normalized`: an interrupted run must not flatten the other differences
+CEILING = 2.0  # see `normalize`: an interrupted run must not flatten the other differences
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,12 +33,12 @@ class Outcomes:
     def of(cls, history: History) -> "Outcomes":
         """Return the KPIs that came with the answers in `history`.
 
-        For missing values see `filled_kpis`; an infinite value counts as the worst. A KPI with one
+        For missing values see `fill_kpis`; an infinite value counts as the worst. A KPI with one
         value only is left out because nothing can be learned from it.
         """
         columns: dict[str, Float[np.ndarray, " N"]] = {}
         ranges = []
-        known = filled_kpis(history)
+        known = fill_kpis(history)
         for name, values in zip(known.names, known.values.T, strict=True):
             shares, span = _shares(values)
             if np.ptp(shares) > 0:
@@ -57,7 +57,7 @@ def _shares(values: Float[np.ndarray, " K"]) -> tuple[Float[np.ndarray, " K"], t
     shares = np.where(values > 0, 1.0, 0.0)  # for infinite values
     if not finite.any():
         return shares, (0.0, np.inf)
-    shares[finite] = normalized(values[finite], CEILING)
+    shares[finite] = normalize(values[finite], CEILING)
     best = float(values[finite].min())
     if not shares[finite].any():
         return shares, (best, np.inf)  # only infinite values are worse

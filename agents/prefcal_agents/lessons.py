@@ -102,7 +102,7 @@ def scores_of(history: History) -> tuple[Int[np.ndarray, " K"], Float[np.ndarray
     return np.array([*scores], dtype=np.int64), np.array([*scores.values()], dtype=float)
 
 
-def filled_kpis(history: History) -> KPIValues:
+def fill_kpis(history: History) -> KPIValues:
     """Return each KPI of all samples that are answered.
 
     A missing one is that of the nearest θ that has it. KPIs with fewer than three values are left
@@ -245,7 +245,7 @@ def judged(history: History) -> History:
     )
 
 
-def normalized(values: Float[np.ndarray, " N"], ceiling: float) -> Float[np.ndarray, " N"]:
+def normalize(values: Float[np.ndarray, " N"], ceiling: float) -> Float[np.ndarray, " N"]:
     """Return `values` as shares of their range: 0 for the best, 1 for the worst; all 0 if equal.
 
     Values more than `ceiling` (median - best) above the median are capped there first.

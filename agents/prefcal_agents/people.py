@@ -212,7 +212,7 @@ class Utilities:
     errors: Float[np.ndarray, " s"]
 
     @classmethod
-    def drawn(
+    def draw(
         cls,
         scale: Scale,
         count: int,
@@ -358,7 +358,7 @@ class Utilities:
             better: One experiment of each pair, shape (a,).
             worse: The other one, shape (a,).
         """
-        return _apart(levels, better, worse, self.counted)
+        return _subtract(levels, better, worse, self.counted)
 
     @property
     def counted(self) -> Bool[np.ndarray, "c s"]:
@@ -389,8 +389,8 @@ class Utilities:
             tie: Whether the answer is that they are alike, shape (a,).
         """
         gain = self.gain(differences)
-        explained, even = noticed(gain), gain[:, tie]
-        explained[:, tie] = 1.0 - noticed(even) - noticed(-even)
+        explained, even = notice_chance(gain), gain[:, tie]
+        explained[:, tie] = 1.0 - notice_chance(even) - notice_chance(-even)
         # A mistake is any of the three answers, so that no single one can rule out a draw.
         error = self.errors[:, None]
         return np.asarray(np.log((1.0 - error) * explained + error / 3.0))
@@ -440,7 +440,7 @@ class Utilities:
         return replace(self, normals=np.where(weight, step, self.normals), **changed)
 
 
-def _apart(
+def _subtract(
     levels: Float[np.ndarray, "*parts p"],
     better: Int[np.ndarray, " a"],
     worse: Int[np.ndarray, " a"],
@@ -453,7 +453,7 @@ def _apart(
     return np.asarray(found)
 
 
-def noticed(gain: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+def notice_chance(gain: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
     """Return how probably a difference of costs is noticed."""
     # The threshold scatters with a standard deviation of a third of a just noticeable difference.
     return np.asarray(ndtr(3.0 * (gain - 1.0)))
@@ -540,7 +540,7 @@ class Lessons:
         return utilities.log_answers(apart, self.tie)
 
 
-def updated(
+def update(
     before: Utilities,
     old: Lessons,
     new: Lessons,
@@ -563,17 +563,17 @@ def updated(
     places = (rng.random() + np.arange(len(before))) / len(before) * shares[-1]
     rows = np.minimum(np.searchsorted(shares, places), len(before) - 1)
     utilities = before.take(rng.permutation(rows))
-    return _moved(utilities, new, scale, rng, mistakes)
+    return _move(utilities, new, scale, rng, mistakes)
 
 
 def learn(before: Utilities, lessons: Lessons, scale: Scale, rng: np.random.Generator) -> Utilities:
     """Return draws given all answers of `lessons`, one after the other."""
     for count in range(len(lessons)):
-        before = updated(before, lessons.first(count), lessons.first(count + 1), scale, rng)
+        before = update(before, lessons.first(count), lessons.first(count + 1), scale, rng)
     return before
 
 
-def _moved(
+def _move(
     utilities: Utilities, lessons: Lessons, scale: Scale, rng: np.random.Generator, mistakes: Mistakes
 ) -> Utilities:
     """Return draws after Metropolis steps. Only what a step changes is computed again."""
@@ -583,14 +583,14 @@ def _moved(
     logs = utilities.log_answers(apart, lessons.tie) @ lessons.strength
     for _ in range(24):  # 40 brought nothing more: docs/research/screening.md
         # Orders stay orders here: the share of both kinds changes by repetition alone.
-        new = Utilities.drawn(scale, count, rng, utilities.ordered > 0, mistakes)
+        new = Utilities.draw(scale, count, rng, utilities.ordered > 0, mistakes)
         tried = utilities.mutate(new, rng)
         # A new shape always has a new just noticeable difference, so this finds the KPIs whose levels change.
         draw, kpi = np.nonzero(tried.steps != utilities.steps)
         stated = np.isfinite(tried.limits[draw, kpi])
         draw, part = np.append(draw, draw[stated]), np.append(kpi, kpi[stated] + k)
         before = apart[part, draw]
-        apart[part, draw] = _apart(tried.level(lessons.logs, part, draw), *pairs, counted[part, draw])
+        apart[part, draw] = _subtract(tried.level(lessons.logs, part, draw), *pairs, counted[part, draw])
         likely = tried.log_answers(apart, lessons.tie) @ lessons.strength
         # Proposals follow the prior, and weights a step that keeps it, so prior and proposal cancel.
         accepted = np.log(rng.random(count)) < likely - logs
@@ -683,7 +683,7 @@ class Measured:
         return replace(bank, kpis=kpis)
 
 
-def corrected(
+def draw_on_plant(
     z: Float[np.ndarray, "m n"],
     simulated: Float[np.ndarray, "m k"] | None,
     rows: Int[np.ndarray, " r"],
@@ -715,7 +715,7 @@ def corrected(
         known = np.concatenate([twin, real])
         known = known[np.isfinite(known)]
         cap = (known.max() if len(known) else 0.0) + _INFINITE
-        values = _drawn(beliefs, np.minimum(twin, cap), np.minimum(real, cap), rows, draws, rng)
+        values = _draw_kpi(beliefs, np.minimum(twin, cap), np.minimum(real, cap), rows, draws, rng)
         # What was measured is exact, whatever its noise: a person judged these values.
         values[:, rows] = real
         # Infinite KPIs entered as slightly worse than all others; drawn values nearer to that are infinite
@@ -724,7 +724,7 @@ def corrected(
     return found
 
 
-def _drawn(
+def _draw_kpi(
     beliefs: Sequence["_Belief"],
     twin: Float[np.ndarray, " t"],
     real: Float[np.ndarray, " r"],

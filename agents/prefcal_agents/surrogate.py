@@ -75,7 +75,7 @@ class Shape:
     scales: tuple[float, ...]
     rbf: str = "inverse_quadratic"
 
-    def rescaled(self, knob: int, factor: float) -> "Shape | None":
+    def rescale(self, knob: int, factor: float) -> "Shape | None":
         """Return the shape in which `knob` counts `factor` as much; None if too far from others."""
         scales = np.array(self.scales)
         scales[knob] *= factor
@@ -327,7 +327,7 @@ class Validation:
         share = rng.permutation(len(preferences)) % FOLDS
         return cls(preferences, learning, share == np.arange(FOLDS)[:, None])
 
-    def reproduced(self, shape: Shape, epsilons: Sequence[float]) -> list[int]:
+    def reproduce(self, shape: Shape, epsilons: Sequence[float]) -> list[int]:
         """Return how many left-out preferences `shape` predicts right with each ε."""
         known = self.preferences
         bases = shape.bases(known.samples, known.samples, epsilons)
@@ -351,7 +351,7 @@ def choose_epsilon(validation: Validation, shape: Shape, candidates: Sequence[fl
 
     Among equally good ones (with a few dozen answers there are many), take the middle one.
     """
-    scores = validation.reproduced(shape, candidates)
+    scores = validation.reproduce(shape, candidates)
     best = max(scores)
     winners = [e for e, score in zip(candidates, scores, strict=True) if score == best]
     return replace(shape, epsilon=winners[len(winners) // 2]), best
@@ -378,7 +378,7 @@ def rescale_knob(
         judge: Function that returns the best one of similar shapes, and its score.
     """
     for factor in (2.0, 0.5) if len(shape.scales) > 1 else ():
-        changed = shape.rescaled(knob, factor)
+        changed = shape.rescale(knob, factor)
         if changed is not None:
             better, found = judge(changed)
             if found > score + 1:
@@ -486,7 +486,7 @@ class ExpectationPropagation:
         e = np.where(answered, error_rate, _SURE)
         sites = Sites.flat(len(unit)) if start is None else start
         for _ in range(40):  # 20 to 30 are enough unless answers that are surely right contradict
-            matched = _Rest.of(unit, sites).matched(e)
+            matched = _Rest.of(unit, sites).match(e)
             change = np.abs(matched.precision - sites.precision) / (1 + sites.precision)
             sites = sites.toward(matched)
             if change.max(initial=0.0) < 1e-2:  # relative change of a site's precision
@@ -542,7 +542,7 @@ class _Rest:
         right = ndtr(self.z)
         return np.maximum(e + (1 - 2 * e) * right, 1e-300), right
 
-    def matched(self, e: Float[np.ndarray, " R"]) -> Sites:
+    def match(self, e: Float[np.ndarray, " R"]) -> Sites:
         """Return the sites that match the true mean and variance of each answer."""
         # Mean and variance of the cavity times the likelihood, which is a step from e to 1 - e at 0.
         z, v = self.z, 1 / self.precision

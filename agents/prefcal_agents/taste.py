@@ -154,7 +154,7 @@ class Taste:
         bank = _bank(table)
         # The same seed gives the same taste: predictions are functions of the answers.
         scale, rng = Scale.of(bank, np.arange(len(bank))), np.random.default_rng(seed)
-        utilities = Utilities.drawn(scale, DRAWS, rng)
+        utilities = Utilities.draw(scale, DRAWS, rng)
         return cls(scale, learn(utilities, lessons_of(told, scale), scale, rng))
 
     def predict(self, a: KPIs, b: KPIs) -> Chances:

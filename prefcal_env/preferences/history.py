@@ -46,7 +46,7 @@ class Verdict:
 
 
 def best_of(verdicts: Sequence[Verdict], unsafe: Set[int] = frozenset()) -> int:
-    """Return the index of the best experiment, an undominated one (see `undominated`).
+    """Return the index of the best experiment, an undominated one (see `find_undominated`).
 
     The crown starts with experiment 0 and passes to a new experiment that wins, since that was
     compared with the best so far. A follow-up passes the crown on only if its owner lost; a
@@ -77,7 +77,7 @@ def bests(parts: Iterable[tuple[Sequence[Verdict], Set[int]]]) -> Iterator[int]:
 
 
 def _undominated_one(crown: int, verdicts: Sequence[Verdict], unsafe: Set[int]) -> int:
-    known = {index for group in undominated(verdicts, unsafe) for index in group}
+    known = {index for group in find_undominated(verdicts, unsafe) for index in group}
     return crown if not known or crown in known else representative(verdicts, known)
 
 
@@ -93,7 +93,9 @@ def reigns(verdicts: Sequence[Verdict], first: int = 0) -> tuple[int, ...]:
     return tuple(crowned)
 
 
-def undominated(verdicts: Sequence[Verdict], unsafe: Set[int] = frozenset()) -> tuple[frozenset[int], ...]:
+def find_undominated(
+    verdicts: Sequence[Verdict], unsafe: Set[int] = frozenset()
+) -> tuple[frozenset[int], ...]:
     """Return the groups of experiments that did not lose to any outside their group.
 
     A group is one experiment, or several that are tied or beat each other in a circle. Losing
@@ -491,7 +493,7 @@ class History:
         if best is None:
             return ()
         verdicts = self.verdicts()
-        others = [g for g in undominated(verdicts, self.unsafe) if best not in g]
+        others = [g for g in find_undominated(verdicts, self.unsafe) if best not in g]
         return (best, *sorted(representative(verdicts, group) for group in others))
 
     def asked(self, first: int, second: int, *, standing: bool = False) -> bool:

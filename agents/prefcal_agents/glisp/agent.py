@@ -165,7 +165,7 @@ def follow_up(history: History, models: ModelSelection, settings: GLISpSettings)
     # As selected one experiment earlier, so a question does not wait for a model selection.
     kpis, before = models.kpi_fit(history), history.until(history.answered - 1)
     if kpis is not None:
-        pair = kpis.doubted(history) if settings.error_rate else None
+        pair = kpis.find_doubted(history) if settings.error_rate else None
     else:
         data, sure = models.dataset(history), 0.0 if asked >= most else _SURE
         pair = confirm_best(data, models.after(before), settings.error_rate, sure)
@@ -408,13 +408,13 @@ class GLISp(Agent):
         # With error rate 0 every answer counts as right, as in the paper.
         return final_question(history) if self.settings.error_rate else None
 
-    def learned(self, history: History) -> bytes:
+    def remember(self, history: History) -> bytes:
         """Return draws and shapes of φ after `history`, which take a tenth of a second an answer."""
         with one_thread():
-            return msgspec.msgpack.encode(self._models.learned(history))
+            return msgspec.msgpack.encode(self._models.remember(history))
 
     def recall(self, learned: bytes) -> None:
-        """Use what an agent with the same settings `learned`, as far as the record is the same."""
+        """Use what `remember` of the same settings returned, as far as the record is the same."""
         with suppress(msgspec.MsgspecError):  # of another version: all is learned anew
             self._models.recall(msgspec.msgpack.decode(learned, type=Learned))
 

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from prefcal_agents.agent import Settings, Setup, choice
-from prefcal_agents.lessons import MOST, Preferences, Remembered, Stages, Subset, cube_of, filled_kpis, judged
+from prefcal_agents.lessons import MOST, Preferences, Remembered, Stages, Subset, cube_of, fill_kpis, judged
 from prefcal_agents.people import (
     AFTER,
     DRAWS,
@@ -18,10 +18,10 @@ from prefcal_agents.people import (
     Lessons,
     Scale,
     Utilities,
-    corrected,
+    draw_on_plant,
     expected_best,
     explains,
-    updated,
+    update,
 )
 from prefcal_agents.search import Penalty, Tried, random_points, step_length
 from prefcal_agents.surrogate import (
@@ -199,7 +199,7 @@ class KPIFit:
         # In each draw θ without a run have KPIs of their own, correlated with those that ran.
         points, rows = np.vstack([self.bank.z[self.kept], z]), np.arange(len(self.kept))
         known = self.scale(self.bank, self.kept.tolist())
-        return some.costs(corrected(points, None, rows, known, len(some), rng))
+        return some.costs(draw_on_plant(points, None, rows, known, len(some), rng))
 
     def beaten_by(self, z: Float[np.ndarray, "m n"], seed: int) -> Float[np.ndarray, " m"]:
         """Return the expected share of the kept experiments that are better than new θ, (m,)."""
@@ -221,7 +221,7 @@ class KPIFit:
         """Return whether KPIs predict the answers of `history` about as well as θ does."""
         return explains(Subset.of(history).history, self.bank, self.scale, self.utilities)
 
-    def doubted(self, history: History) -> tuple[int, int] | None:
+    def find_doubted(self, history: History) -> tuple[int, int] | None:
         """Return the best sample and one that is probably better; None if there is none.
 
         A wrong answer, or a difference too small to notice, can have cost it the lead. A pair that
@@ -255,7 +255,7 @@ class KPIFit:
 
 def kpi_fits(seed: int) -> Stages[KPIFit]:
     """Return the fits of a study, by its record; `seed` is that of all randomness."""
-    return Stages(partial(_first, seed), partial(_following, seed), _MOST)
+    return Stages(partial(_first, seed), partial(_follow, seed), _MOST)
 
 
 def _first(seed: int) -> KPIFit:
@@ -273,10 +273,10 @@ def _restore_fit(past: History, draws: bytes) -> KPIFit | None:
 
 
 def _draw(scale: Scale, rng: np.random.Generator) -> Utilities:
-    return Utilities.drawn(scale, DRAWS, rng, mistakes=SURE)
+    return Utilities.draw(scale, DRAWS, rng, mistakes=SURE)
 
 
-def _following(seed: int, past: History, before: History, fit: KPIFit) -> KPIFit:
+def _follow(seed: int, past: History, before: History, fit: KPIFit) -> KPIFit:
     """Return the fit after `past`, given that after `before`, a step earlier."""
     bank, rng, utilities = _experiments(past), _rng(seed, past), fit.utilities
     scale, part = Scale.of(bank, np.arange(len(bank))), Subset.of(past).history
@@ -286,7 +286,7 @@ def _following(seed: int, past: History, before: History, fit: KPIFit) -> KPIFit
     if scale.names and (past.lessons or past.unsafe):
         old = Lessons.of(bank, scale, Subset.of(before).history)
         new = Lessons.of(bank, scale, part)
-        utilities = updated(utilities, old, new, scale, rng, SURE)
+        utilities = update(utilities, old, new, scale, rng, SURE)
     return _fit(bank, part, scale, utilities)
 
 
@@ -296,10 +296,10 @@ def _fit(bank: Bank, part: History, scale: Scale, utilities: Utilities) -> KPIFi
 
 
 def _experiments(history: History) -> Bank:
-    """Return the KPIs of all experiments; see `filled_kpis`."""
+    """Return the KPIs of all experiments; see `fill_kpis`."""
     z = cube_of(history)
     thetas = np.array([s.theta for s in history.samples[: history.answered]], dtype=float)
-    return Bank.of(z, thetas.reshape(z.shape), filled_kpis(history))
+    return Bank.of(z, thetas.reshape(z.shape), fill_kpis(history))
 
 
 def _rng(seed: int, past: History) -> np.random.Generator:
@@ -397,7 +397,7 @@ def evidence_of_mistakes(preferences: Preferences, shape: Shape, error_rate: flo
     return fallible.predicted - sure.predicted
 
 
-def suited_shape(
+def choose_shape(
     preferences: Preferences, shape: Shape, error_rate: float, *, answered: int, first: bool
 ) -> Shape:
     """Return the shape next to `shape` with which a fallible person's answers are predicted best.
@@ -550,7 +550,7 @@ class ModelSelection:
         self._learning = Learning(margin_power=settings.margin_power)
         self._candidates: Sequence[float] = tuple(settings.epsilon * factor for factor in EPSILONS)
         first = _Shapes(Shape(settings.epsilon, alike, settings.rbf), Shape(1.0, alike, settings.rbf))
-        self._stages = Stages(lambda: first, self._following, whole=True)
+        self._stages = Stages(lambda: first, self._follow, whole=True)
         self._kpi_fits = kpi_fits(setup.seed) if settings.kpis else None
         self.dataset = Remembered(Dataset.of)
         """Training data in a history."""
@@ -558,7 +558,7 @@ class ModelSelection:
         """What is selected after a history."""
         self._explained = Remembered(self._explains)
 
-    def learned(self, history: History) -> Learned:
+    def remember(self, history: History) -> Learned:
         """Return what later sessions can recall of `history`."""
         found = Learned()
         if self._kpi_fits is not None:
@@ -619,7 +619,7 @@ class ModelSelection:
         noisy = noise.suspects and contradictory(history.verdicts())
         return Selection(stage.shape, noise, noisy)
 
-    def _following(self, past: History, before: History, stage: _Shapes) -> _Shapes:
+    def _follow(self, past: History, before: History, stage: _Shapes) -> _Shapes:
         """Return what is chosen after `past`, given that after one experiment less."""
         count, rate = past.answered, self._settings.error_rate
         validates = self._is_validated(count)
@@ -633,7 +633,7 @@ class ModelSelection:
         if not fallible:
             return replace(stage, shape=shape)
         known, first = data.preferences, count == self._n_init
-        suited = suited_shape(known, stage.suited, rate, answered=count, first=first)
+        suited = choose_shape(known, stage.suited, rate, answered=count, first=first)
         if count > MANY and count % SELDOM:
             return replace(stage, shape=shape, suited=suited)
         test: Callable[[], float] = cache(partial(evidence_of_mistakes, known, suited, rate))

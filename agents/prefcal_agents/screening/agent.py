@@ -21,7 +21,7 @@ from prefcal_agents.people import (
     clearly_apart,
     expected_best,
     explains,
-    noticed,
+    notice_chance,
     now_and_next,
     overtaking,
     worth,
@@ -185,7 +185,7 @@ def evidence(stage: Stage, best: int, history: History, *, numbered: bool = Fals
     # Only what was not shown yet can be the most promising one.
     chances[[stage.bank.find(sample.theta) for sample in history.samples[: history.answered]]] = 0.0
     row = int(np.argmax(chances))
-    held, predicted = _foretold(draws, Lessons.of(stage.bank, stage.scale, history), history)
+    held, predicted = _foretell(draws, Lessons.of(stage.bank, stage.scale, history), history)
     return Evidence(
         answers=len(history.lessons),
         better=float(better.mean()),
@@ -212,7 +212,7 @@ def _better(draws: Utilities, logs: Float[np.ndarray, "m k"], best: int) -> Bool
     return found
 
 
-def _foretold(draws: Utilities, lessons: Lessons, history: History) -> tuple[float, float]:
+def _foretell(draws: Utilities, lessons: Lessons, history: History) -> tuple[float, float]:
     """Return `held` and `predicted` of `Evidence`.
 
     Source: A. E. Gelfand, D. K. Dey, H. Chang, "Model determination using predictive
@@ -225,7 +225,7 @@ def _foretold(draws: Utilities, lessons: Lessons, history: History) -> tuple[flo
     shares = np.exp(-logs - logsumexp(-logs, axis=0))
     gain = draws.gains(draws.levels(lessons.logs), lessons.better, lessons.worse).sum(axis=0)
     of_challenger = np.where(lessons.tie, gain, -gain)[:, :count]  # where it did not win
-    chance = np.sum(shares * noticed(of_challenger), axis=0)
+    chance = np.sum(shares * notice_chance(of_challenger), axis=0)
     held = -np.log1p(-np.minimum(chance[count - lost_since(history) :], _SURE)).sum()
     predicted = np.mean(np.log(len(logs)) - logsumexp(-logs, axis=0))
     return float(held), float(predicted)
@@ -302,7 +302,7 @@ class Screening(Simulating):
     def growth(self) -> Growth:
         """Return the stages of the study and the draws of all its records. Raises as `simulations`."""
         setup, most = self.setup, int(self.setup.settings.n_simulated)
-        return self.simulations.learned(Growth, setup.space, most, setup.seed, setup.settings.taste)
+        return self.simulations.learn_once(Growth, setup.space, most, setup.seed, setup.settings.taste)
 
     def _holds(self, bank: Bank, row: int) -> bool:
         """Return whether a row keeps the limits in all perturbed runs; without `holds` any does."""
@@ -358,7 +358,7 @@ class Screening(Simulating):
         rng = np.random.default_rng([self.setup.seed, history.answered])
         tried = Tried(self.space, history)
         if self.simulations.candidates is None and without_kpis(history, stage):
-            others = self.simulations.learned(BeyondKPIs, self.space, self.setup.seed)
+            others = self.simulations.learn_once(BeyondKPIs, self.space, self.setup.seed)
             beyond = tried.fresh(others.propose(history, stage), rng)
             # It is new to the simulations, so it may fail or never arrive: then the draws choose.
             if self.growth.works(beyond):
@@ -425,7 +425,7 @@ def _open_minded(stage: Stage, history: History, rng: np.random.Generator) -> in
     if not len(rest):
         return None
     rows = np.concatenate([shown, rest]).astype(np.int64)
-    found = worth(Utilities.drawn(stage.scale, len(stage.costs), rng).costs(stage.logs[rows]))
+    found = worth(Utilities.draw(stage.scale, len(stage.costs), rng).costs(stage.logs[rows]))
     # Over draws before any answer, since a few answers about a rough simulation can all be beside the point.
     best = found[:, : len(shown)].max(axis=1, keepdims=True)
     gain = np.maximum(found[:, len(shown) :] - best, 0.0)

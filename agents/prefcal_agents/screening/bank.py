@@ -12,7 +12,17 @@ from jaxtyping import Float, Int
 
 from prefcal_agents.agent import Agent, Settings, Start, one_thread
 from prefcal_agents.lessons import Remembered, Stages
-from prefcal_agents.people import DRAWS, Bank, Lessons, Measured, Scale, Utilities, corrected, learn, updated
+from prefcal_agents.people import (
+    DRAWS,
+    Bank,
+    Lessons,
+    Measured,
+    Scale,
+    Utilities,
+    draw_on_plant,
+    learn,
+    update,
+)
 from prefcal_agents.result import Pool, limited
 from prefcal_agents.search import Region, latin_hypercube
 from prefcal_agents.taste import Told, lessons_of
@@ -93,7 +103,7 @@ class Simulations:
         known = dict(self._known)  # another thread may add to it
         return Simulations, (self.simulate,), {"_known": known, "_error": self._error}
 
-    def learned(self, learn: Callable[..., Learned], *given: Any) -> Learned:
+    def learn_once(self, learn: Callable[..., Learned], *given: Any) -> Learned:
         """Return what `learn(simulations, *given)` returns, the same object for all copies."""
         if learn not in self._learned:
             # Two threads may work it out at the same time; all get the one that came first.
@@ -370,7 +380,7 @@ class Growth:
         wide = sum(count for count, _ in self._plan)
         # One design for both parts, which fill the space together.
         self._design = latin_hypercube(space, wide, seed) if given is None else space.encode_all(given)
-        self.stage = Stages(self._first, self._following)
+        self.stage = Stages(self._first, self._follow)
         """What is known after a record, simulating what was not simulated yet."""
         self.pool = Remembered(self._pool, 1)  # the latest one: it is large
         """Draws of the study after a record, which say what other answers would teach."""
@@ -392,7 +402,7 @@ class Growth:
             first = self.stage(History())
             if first.scale.names == scale.names:
                 return first.utilities
-        return self._drawn(scale, self._rng(history, _POOL))
+        return self._draw(scale, self._rng(history, _POOL))
 
     def due(self, history: History) -> int:
         """Return how many θ are simulated by the time of the query after `history`."""
@@ -404,20 +414,20 @@ class Growth:
 
         It has a finite KPI and, in a robust study, keeps the limits in all perturbed runs.
         """
-        bank = self._simulated(*self._space.proposals(z[None]))
+        bank = self._simulate(*self._space.proposals(z[None]))
         return not bank.hopeless[0] and self.simulations.runs_kept(bank.thetas)[0] == ENOUGH
 
     def _first(self) -> Stage:
         """Return the stage before the first answer: leaders by what anybody may want."""
         with one_thread():
             wide, near = self._plan[0]
-            bank = self._simulated(*self._space.proposals(self._design[:wide]))
+            bank = self._simulate(*self._space.proposals(self._design[:wide]))
             spread = np.arange(len(bank))
             scale = Scale.of(bank, spread, self.simulations.reading.limits)
             stage = self._stage(
-                History(), bank, spread, scale, self._drawn(scale, self._rng(History(), _LEARN))
+                History(), bank, spread, scale, self._draw(scale, self._rng(History(), _LEARN))
             )
-            return self._refined(History(), stage, near)
+            return self._refine(History(), stage, near)
 
     def _stage(
         self,
@@ -438,52 +448,50 @@ class Growth:
             rng = self._rng(past, _CORRECT)
             # Each judging draw has a plant of its own, so that what is unknown of the plant counts as
             # unknown.
-            logs = corrected(bank.z, logs, rows, scale(seen, rows.tolist()), len(some), rng)
+            logs = draw_on_plant(bank.z, logs, rows, scale(seen, rows.tolist()), len(some), rng)
             expected = np.median(logs, axis=0)
         return Stage(seen, spread, scale, expected, utilities, some.costs(logs), rough=len(rows) > 0)
 
-    def _drawn(self, scale: Scale, rng: np.random.Generator) -> Utilities:
+    def _draw(self, scale: Scale, rng: np.random.Generator) -> Utilities:
         """Return draws before any answer of this study, given those of an earlier one."""
-        draws = Utilities.drawn(scale, DRAWS, rng)
+        draws = Utilities.draw(scale, DRAWS, rng)
         return learn(draws, self._earlier_lessons(scale), scale, rng) if self._taste else draws
 
     def _earlier_lessons(self, scale: Scale) -> Lessons:
         return lessons_of(self._taste, scale, _TRAVELED, self.simulations.reading)
 
-    def _following(self, past: History, before: History, stage: Stage) -> Stage:
+    def _follow(self, past: History, before: History, stage: Stage) -> Stage:
         """Return the stage after `past`, given the one after `before`, a step earlier."""
         with one_thread():
             if past.answered == before.answered:  # follow-ups teach, but bring no new θ
-                bank = self._simulated(stage.bank.z, stage.bank.thetas)
-                utilities = self._learned(past, before, bank, stage.scale, stage.utilities)
+                bank = self._simulate(stage.bank.z, stage.bank.thetas)
+                utilities = self._learn(past, before, bank, stage.scale, stage.utilities)
                 return self._stage(past, bank, stage.spread, stage.scale, utilities)
             turn = past.answered - 1  # the first one is compared with nothing
             # Turn 0 is the bank before the first question, which `_first` has simulated.
             wide, near = self._plan[turn] if 0 < turn < len(self._plan) else (0, 0)
-            bank, spread = self._widened(stage, past, turn, wide)
+            bank, spread = self._widen(stage, past, turn, wide)
             scale, utilities = Scale.of(bank, spread, self.simulations.reading.limits), stage.utilities
             if scale.names != stage.scale.names:  # a KPI was always the same before: begin again
-                before, utilities = History(), self._drawn(scale, self._rng(History(), _LEARN))
+                before, utilities = History(), self._draw(scale, self._rng(History(), _LEARN))
             elif not np.array_equal(scale.limits, stage.scale.limits):  # a KPI found a better value
                 utilities = limited(scale, utilities)
-            utilities = self._learned(past, before, bank, scale, utilities)
+            utilities = self._learn(past, before, bank, scale, utilities)
             judges = _GUIDES if near else _JUDGES
             stage = self._stage(past, bank, spread, scale, utilities, judges)
-            return self._refined(past, stage, near)
+            return self._refine(past, stage, near)
 
-    def _widened(
-        self, stage: Stage, past: History, turn: int, wide: int
-    ) -> tuple[Bank, Int[np.ndarray, " r"]]:
+    def _widen(self, stage: Stage, past: History, turn: int, wide: int) -> tuple[Bank, Int[np.ndarray, " r"]]:
         """Return the bank with the next `wide` θ of the design and all shown, and its design."""
         start = sum(count for count, _ in self._plan[:turn])
         z, thetas = self._space.proposals(self._design[start : start + wide])
-        bank, old = self.extended(stage.bank, z, thetas), len(stage.bank)
+        bank, old = self.extend(stage.bank, z, thetas), len(stage.bank)
         spread = np.append(stage.spread, np.arange(old, len(bank)))
         # A person may ask for any θ, also for one that the design never had: answers about it need its KPIs.
         shown = [np.array([getattr(s, name) for s in past.samples]) for name in ("z", "theta")]
-        return self.extended(bank, *shown), spread
+        return self.extend(bank, *shown), spread
 
-    def _learned(
+    def _learn(
         self, past: History, before: History, bank: Bank, scale: Scale, utilities: Utilities
     ) -> Utilities:
         """Return draws given the answers of `past`, from draws given those of `before`."""
@@ -494,9 +502,9 @@ class Growth:
         if self._taste:
             earlier = self._earlier_lessons(scale)
             old, new = old.join(earlier), new.join(earlier)
-        return updated(utilities, old, new, scale, self._rng(past, _LEARN))
+        return update(utilities, old, new, scale, self._rng(past, _LEARN))
 
-    def _refined(self, past: History, stage: Stage, count: int) -> Stage:
+    def _refine(self, past: History, stage: Stage, count: int) -> Stage:
         """Return the stage with `count` more θ near the leaders, in rounds if they are many."""
         if not count or not stage.scale.names:
             return stage
@@ -506,17 +514,17 @@ class Growth:
             points = near_leaders(self._space, stage.bank.z, stage.costs, len(part), rng)
             z, thetas = self._space.proposals(points)
             kept = np.atleast_1d(self._space.allows(thetas))  # rounding may cross an edge
-            bank = self.extended(stage.bank, z[kept], thetas[kept])
+            bank = self.extend(stage.bank, z[kept], thetas[kept])
             # Only the last round's costs choose what is shown; before, they only say where to look.
             judges = _GUIDES if number < rounds - 1 else _JUDGES
             stage = self._stage(past, bank, stage.spread, stage.scale, stage.utilities, judges)
         return stage
 
-    def extended(self, bank: Bank, z: Float[np.ndarray, "j n"], thetas: Float[np.ndarray, "j n"]) -> Bank:
+    def extend(self, bank: Bank, z: Float[np.ndarray, "j n"], thetas: Float[np.ndarray, "j n"]) -> Bank:
         """Return the bank with more θ, simulating what was not simulated yet."""
-        return self._simulated(np.vstack([bank.z, z]), np.vstack([bank.thetas, thetas]))
+        return self._simulate(np.vstack([bank.z, z]), np.vstack([bank.thetas, thetas]))
 
-    def _simulated(self, z: Float[np.ndarray, "j n"], thetas: Float[np.ndarray, "j n"]) -> Bank:
+    def _simulate(self, z: Float[np.ndarray, "j n"], thetas: Float[np.ndarray, "j n"]) -> Bank:
         """Return the bank of these θ, with their KPIs as people read them."""
         bank, reading = Bank.of(z, thetas, KPIValues.of(self.simulations(thetas))), self.simulations.reading
         return replace(bank, kpis=reading.table(bank.names, bank.kpis))

@@ -7,7 +7,7 @@ from math import isinf
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.people import Bank, noticed, trend, worth
+from prefcal_agents.people import Bank, notice_chance, trend, worth
 from prefcal_agents.result import (
     Influence,
     SmallerChange,
@@ -92,7 +92,7 @@ def chances(stage: Stage, best: int, history: History) -> Float[np.ndarray, " m"
     given = [c.answer.preference is not Preference.TIE for c in history.lessons]
     # As if one more answer had preferred a side: without any, nothing is known against the draws.
     told = (sum(given) + 1) / (len(given) + 1)
-    return np.asarray(told * noticed(stage.costs[:, best, None] - stage.costs).mean(axis=0))
+    return np.asarray(told * notice_chance(stage.costs[:, best, None] - stage.costs).mean(axis=0))
 
 
 # --- Say all that can be said, in parts: what comes with a question, what takes seconds, what is simulated.
@@ -205,7 +205,7 @@ def simulated_for(agent: Screening, found: Findings) -> Bank:
     if found.smaller is None:
         return agent.bank
     thetas = np.array([found.smaller.theta])
-    return agent.growth.extended(agent.bank, agent.space.encode_all(thetas), thetas)
+    return agent.growth.extend(agent.bank, agent.space.encode_all(thetas), thetas)
 
 
 def _explain_query(agent: Screening, empty: Findings) -> Findings:
@@ -309,7 +309,7 @@ def _find_smaller_change(agent: Screening, known: Findings) -> Findings:
     best, draws = agent.best, cautious(agent.growth.pool(past), past)
 
     def worse(thetas: Float[np.ndarray, "p n"]) -> Float[np.ndarray, " p"]:
-        bank = agent.growth.extended(agent.bank, agent.space.encode_all(thetas), thetas)
+        bank = agent.growth.extend(agent.bank, agent.space.encode_all(thetas), thetas)
         return noticed_worse(draws, stage.scale(bank, bank.rows([best, *thetas])))
 
     start = np.array(past.samples[0].theta)

@@ -199,7 +199,7 @@ class Memory:
         if self._path is None or agent.history.answered < self._WORTH or not self._file.in_place:
             return
         with suppress(Exception):  # whatever it is, the study has lost nothing
-            if content := agent.learned(agent.history):
+            if content := agent.remember(agent.history):
                 write_learned(self._path, _key(agent), content)
 
 

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.special import ndtr
 
 from prefcal_agents.learned_cost import CEILING
-from prefcal_agents.lessons import Preferences, normalized
+from prefcal_agents.lessons import Preferences, normalize
 from prefcal_bench.extras import load
 from prefcal_env.preferences.history import History
 
@@ -112,7 +112,7 @@ class KPITable:
     """The p KPIs of the K experiments that have some."""
 
     rows: Int[np.ndarray, " K"]  # indices of the samples, increasing, shape (K,)
-    # KPIs, lower is better: 0 for the best value and 1 for the worst, which is capped as `normalized` says;
+    # KPIs, lower is better: 0 for the best value and 1 for the worst, which is capped as `normalize` says;
     # 1.1 for an infinite one, shape (K, p)
     shares: Float[np.ndarray, "K p"]
 
@@ -144,7 +144,7 @@ def _shares(values: Float[np.ndarray, " K"]) -> Float[np.ndarray, " K"]:
     finite = np.isfinite(values)
     shares = np.where(values > 0, _NEVER, 0.0)
     if finite.any():
-        shares[finite] = normalized(values[finite], CEILING)
+        shares[finite] = normalize(values[finite], CEILING)
     missing = np.isnan(values)
     shares[missing] = shares[~missing].mean()
     return shares

@@ -119,27 +119,27 @@ def test_a_theta_that_was_run_twice_counts_once_and_is_found():
 def test_an_experiment_that_is_probably_better_than_the_best_is_named_once():
     wanted = columns()[1]
     right, wrong = record_of(*columns()), mistaken()
-    assert learned(right).doubted(right) is None
-    best, rival = learned(wrong).doubted(wrong)
+    assert learned(right).find_doubted(right) is None
+    best, rival = learned(wrong).find_doubted(wrong)
     assert best == wrong.incumbent == 30
     assert rival != right.incumbent  # these two were compared just now
     assert wanted[rival] < 0.9
     asked = wrong.with_follow_up(Answer(-1), best, rival)
-    assert learned(asked).doubted(asked) != (best, rival)
-    assert kpi_fits(0)(History()).doubted(History()) is None
+    assert learned(asked).find_doubted(asked) != (best, rival)
+    assert kpi_fits(0)(History()).find_doubted(History()) is None
 
 
 def test_a_run_cut_short_is_not_doubted_in_favor_of_a_whole_one():
     wrong = mistaken()
     fit = learned(wrong)
-    best, rival = fit.doubted(wrong)
+    best, rival = fit.find_doubted(wrong)
     marked = [
         replace(c, answer=replace(c.answer, marks=(Mark.CHALLENGER_CUT_SHORT,)))
         if c.challenger == rival
         else c
         for c in wrong.comparisons
     ]
-    pair = fit.doubted(replace(wrong, comparisons=tuple(marked)))
+    pair = fit.find_doubted(replace(wrong, comparisons=tuple(marked)))
     assert pair is not None
     assert best in pair
     assert rival not in pair
@@ -158,7 +158,7 @@ def test_an_unsafe_experiment_is_neither_doubted_nor_good():
     order = np.argsort(wanted)
     marks = {int(k) for k in order[:3] if k}
     record = record_of(kpis, np.where(np.isin(range(30), list(marks)), 9.0, wanted), marks=marks)
-    pair = learned(record).doubted(record)
+    pair = learned(record).find_doubted(record)
     assert pair is None or not marks & set(pair)
     assert not marks & {record.incumbent}
 

@@ -16,8 +16,8 @@ from prefcal_agents.glisp.fits import (
     ModelSelection,
     NoiseTest,
     Selection,
+    choose_shape,
     evidence_of_mistakes,
-    suited_shape,
     train,
 )
 from prefcal_agents.lessons import Preferences
@@ -263,7 +263,7 @@ def compared(flipped=(), *, seed=0, count=30, cost=lambda z: np.sum((z - 0.4) **
 
 def noise_of(preferences):
     """Return the noise test of these comparisons, the first of a study."""
-    shape = suited_shape(preferences, ROUND, RATE, answered=30, first=True)
+    shape = choose_shape(preferences, ROUND, RATE, answered=30, first=True)
     return NoiseTest(shape, evidence_of_mistakes(preferences, shape, RATE))
 
 
@@ -286,20 +286,20 @@ def test_a_suspicion_takes_more_than_one_nat(evidence, suspects):
 
 def test_ties_are_no_evidence_and_leave_the_shape():
     assert evidence_of_mistakes(only_ties(), ROUND, RATE) == 0
-    assert suited_shape(only_ties(), ROUND, RATE, answered=30, first=True) == ROUND
+    assert choose_shape(only_ties(), ROUND, RATE, answered=30, first=True) == ROUND
 
 
 def test_only_the_first_test_may_choose_any_epsilon():
     known, far = compared(count=60), Shape(5.6, (1.0, 1.0))
-    assert suited_shape(known, far, RATE, answered=30, first=True).epsilon < 3.2
-    assert suited_shape(known, far, RATE, answered=31, first=False).epsilon >= 3.2
+    assert choose_shape(known, far, RATE, answered=30, first=True).epsilon < 3.2
+    assert choose_shape(known, far, RATE, answered=31, first=False).epsilon >= 3.2
 
 
 def test_the_knobs_take_turns_and_one_that_hardly_matters_comes_to_count_less():
     known = compared(count=MANY, cost=lambda z: np.sin(9 * z[:, 1]))
     shape = ROUND
     for answered in range(30, 40):
-        shape = suited_shape(known, shape, RATE, answered=answered, first=False)
+        shape = choose_shape(known, shape, RATE, answered=answered, first=False)
         assert np.prod(shape.scales) == pytest.approx(1.0)
         assert max(shape.scales) <= 16 * min(shape.scales)
     assert shape.scales[1] > 2 * shape.scales[0]
@@ -308,4 +308,4 @@ def test_the_knobs_take_turns_and_one_that_hardly_matters_comes_to_count_less():
 def test_beyond_many_comparisons_the_shape_stays():
     assert len(compared(count=MANY + 2)) == MANY + 1
     known, far = compared(count=MANY + 2), Shape(5.6, (1.0, 1.0))
-    assert suited_shape(known, far, RATE, answered=MANY + 2, first=False) == far
+    assert choose_shape(known, far, RATE, answered=MANY + 2, first=False) == far

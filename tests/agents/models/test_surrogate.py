@@ -11,7 +11,7 @@ from scipy.stats import multivariate_normal
 from prefcal_agents.baselines import POSITIVE_DEFINITE, best_interpolant, interpolate
 from prefcal_agents.glisp.fits import rows_of
 from prefcal_agents.learned_cost import Outcomes
-from prefcal_agents.lessons import Preferences, normalized
+from prefcal_agents.lessons import Preferences, normalize
 from prefcal_agents.surrogate import (
     RADIAL_FUNCTIONS,
     Constraints,
@@ -264,7 +264,7 @@ def test_candidates_that_are_equally_good_give_the_middle_one():
     assert everything_right.epsilon in (0.9, 1.0, 1.1)
     alike = validation(known.subset(np.array([0, 1, 2])))
     at = (0.9, 1.0, 1.1)
-    scores = alike.reproduced(Shape(1.0, (1.0,), "gaussian"), at)
+    scores = alike.reproduce(Shape(1.0, (1.0,), "gaussian"), at)
     assert len(set(scores)) == 1
     assert choose_epsilon(alike, Shape(1.0, (1.0,), "gaussian"), at)[0].epsilon == 1.0
 
@@ -497,7 +497,7 @@ def test_two_samples_at_one_place_break_nothing():
 @given(st.lists(st.floats(-1e300, 1e300), min_size=1, max_size=30), st.floats(0.01, 100.0))
 def test_normalized_scores_keep_their_order(values, ceiling):
     values = np.array(values)
-    shares = normalized(values, ceiling)
+    shares = normalize(values, ceiling)
     assert ((shares >= 0) & (shares <= 1)).all()
     assert shares[np.argmin(values)] == 0
     order = np.argsort(values, kind="stable")
@@ -506,10 +506,10 @@ def test_normalized_scores_keep_their_order(values, ceiling):
 
 def test_an_interrupted_run_does_not_flatten_the_others():
     values = np.array([0.7, 0.8, 0.9, 1.0, 1000.5, 1000.9])
-    shares = normalized(values, 2.0)
+    shares = normalize(values, 2.0)
     assert shares[3] > 0.3
     assert shares[4] == shares[5] == 1.0
-    assert normalized(values, 1e9)[3] < 1e-3
+    assert normalize(values, 1e9)[3] < 1e-3
 
 
 def history_of(columns):

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from prefcal_agents import Screening, minimize_by_preference, restore
-from prefcal_agents.people import Measured, corrected
+from prefcal_agents.people import Measured, draw_on_plant
 from prefcal_agents.screening.findings import findings
 from prefcal_env.errors import SettingsError, SimulationError
 from prefcal_env.preferences.answer import Answer, Mark, Reading
@@ -23,7 +23,7 @@ TREND = np.log(0.1 + POINTS[:, :1] ** 2)
 
 
 def plausible(simulated, real, rows=ROWS, draws=200):
-    return corrected(POINTS, simulated, rows, real[rows], draws, np.random.default_rng(0))
+    return draw_on_plant(POINTS, simulated, rows, real[rows], draws, np.random.default_rng(0))
 
 
 def error(simulated, real):

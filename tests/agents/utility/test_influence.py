@@ -32,7 +32,7 @@ def record(*given, pending=None):
 
 
 def pool_of(history):
-    prior = Utilities.drawn(SCALE, 4 * DRAWS, np.random.default_rng(0))
+    prior = Utilities.draw(SCALE, 4 * DRAWS, np.random.default_rng(0))
     return Pool.of(BANK, SCALE, SCALE(BANK), [(history.until(0), prior), (history, prior)])
 
 
@@ -74,7 +74,7 @@ def test_only_the_probably_better_overtake_the_winner_of_the_answers():
 
 def test_the_winner_stays_if_answers_make_it_likelier_that_the_person_hardly_follows_the_kpis():
     history, better = record((POOR, None), (GOOD, -1), (9, 1)), np.array([0.0, 0.0, 1.0])
-    before = Utilities.drawn(SCALE, 4000, np.random.default_rng(0)).loose.mean()
+    before = Utilities.draw(SCALE, 4000, np.random.default_rng(0)).loose.mean()
     assert before == pytest.approx(0.25, abs=0.02)
     assert overtaking(better, 0.24, history).tolist() == better.tolist()
     assert overtaking(better, 0.26, history).tolist() == [0.0, 0.0, 0.0]

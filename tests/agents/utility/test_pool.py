@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from prefcal_agents.people import DRAWS, Lessons, Scale, Utilities, updated
+from prefcal_agents.people import DRAWS, Lessons, Scale, Utilities, update
 from prefcal_agents.result import Pool, turned
 from prefcal_env.preferences.history import History
 from support.simulated import in_chain, random_bank
@@ -26,12 +26,12 @@ def by_first(wanted=WANTED):
 def learned(record, seed=0):
     """Draws before and after each answer of the record."""
     rng = np.random.default_rng(seed)
-    utilities, before, given = Utilities.drawn(SCALE, DRAWS, rng), History(), []
+    utilities, before, given = Utilities.draw(SCALE, DRAWS, rng), History(), []
     for count in range(record.answered + 1):
         past = record.until(count)
         if past.lessons:
             old, new = (Lessons.of(BANK, SCALE, part) for part in (before, past))
-            utilities = updated(utilities, old, new, SCALE, rng)
+            utilities = update(utilities, old, new, SCALE, rng)
         given.append((past, utilities))
         before = past
     return given

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_agents.people import DRAWS, Lessons, Scale, Utilities, updated
+from prefcal_agents.people import DRAWS, Lessons, Scale, Utilities, update
 from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_env.preferences.history import History
 from support.simulated import bank_of, of_pairs, random_bank
@@ -27,7 +27,7 @@ def sure(pairs, wanted=WANTED):
 
 
 def prior(seed=0):
-    return Utilities.drawn(SCALE, DRAWS, np.random.default_rng(seed))
+    return Utilities.draw(SCALE, DRAWS, np.random.default_rng(seed))
 
 
 def learned(*records, seed=0):
@@ -35,7 +35,7 @@ def learned(*records, seed=0):
     rng, utilities, old = np.random.default_rng(seed + 100), prior(seed), lessons(History())
     for record in records:
         new = lessons(record)
-        utilities, old = updated(utilities, old, new, SCALE, rng), new
+        utilities, old = update(utilities, old, new, SCALE, rng), new
     return utilities
 
 
@@ -101,7 +101,7 @@ def test_stated_limits_come_first_unless_answers_say_otherwise():
     scale = Scale.of(BANK, np.arange(len(BANK)), {"a": 0.3})
     below, above = np.flatnonzero(BANK.kpis[:, 0] <= 0.25), np.flatnonzero(BANK.kpis[:, 0] > 0.4)
     pairs = [(int(a), int(b)) for a, b in zip(below, above, strict=False)]
-    before = Utilities.drawn(scale, DRAWS, np.random.default_rng(0))
+    before = Utilities.draw(scale, DRAWS, np.random.default_rng(0))
     rng, none = np.random.default_rng(1), Lessons.of(BANK, scale, History())
 
     def respected(utilities):
@@ -110,7 +110,7 @@ def test_stated_limits_come_first_unless_answers_say_otherwise():
 
     ignored = Lessons.of(BANK, scale, of_pairs(BANK, pairs[:10], [-1] * 10))
     assert respected(before) > 0.95
-    assert respected(updated(before, none, ignored, scale, rng)) < 0.5
+    assert respected(update(before, none, ignored, scale, rng)) < 0.5
 
 
 @pytest.mark.parametrize("strength", [3, 0.5])
@@ -142,10 +142,10 @@ def test_an_unsafe_experiment_comes_last_even_if_it_was_preferred():
     found = lessons(unsafe, bank)
     # In the order shown: 1, 0, 2, 3. The preference, a tie, and three that the mark adds.
     assert list(zip(found.better, found.worse, strict=True))[2:] == [(0, 1), (2, 1), (3, 1)]
-    before, last = Utilities.drawn(scale, DRAWS, rng), []
+    before, last = Utilities.draw(scale, DRAWS, rng), []
     for record in (safe, History(), unsafe):
         old, new = lessons(History(), bank), lessons(record, bank)
-        costs = updated(before, old, new, scale, rng).costs(scale(bank))
+        costs = update(before, old, new, scale, rng).costs(scale(bank))
         last.append(np.mean(np.argmax(costs[:, :4], axis=1) == 0))
     assert last[0] < last[1] - 0.1
     assert last[2] > 0.7 > last[1]

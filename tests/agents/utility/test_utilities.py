@@ -5,7 +5,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from prefcal_agents.people import REAL, SURE, Scale, Utilities, noticed
+from prefcal_agents.people import REAL, SURE, Scale, Utilities, notice_chance
 from support.simulated import bank_of, random_bank
 
 
@@ -15,7 +15,7 @@ def scale_of(bank, limits=None):
 
 def drawn(scale, count=300, seed=1, ordered=None):
     mask = None if ordered is None else np.full(count, ordered)
-    return Utilities.drawn(scale, count, np.random.default_rng(seed), mask)
+    return Utilities.draw(scale, count, np.random.default_rng(seed), mask)
 
 
 def by_hand(k=1, **known):
@@ -193,9 +193,9 @@ def test_the_distance_of_a_share_of_random_theta_lies_between_those_around_it():
 
 def test_many_mutations_without_lessons_keep_the_distribution():
     scale, rng = scale_of(random_bank(), {"a": 1.0}), np.random.default_rng(2)
-    first = utilities = Utilities.drawn(scale, 4000, rng)
+    first = utilities = Utilities.draw(scale, 4000, rng)
     for _ in range(40):
-        new = Utilities.drawn(scale, 4000, rng, utilities.ordered > 0)
+        new = Utilities.draw(scale, 4000, rng, utilities.ordered > 0)
         utilities = utilities.mutate(new, rng)
     assert utilities.normals.mean(axis=0) == pytest.approx(np.zeros(3), abs=0.06)
     assert utilities.normals.std(axis=0) == pytest.approx(np.ones(3), abs=0.05)
@@ -211,14 +211,14 @@ def test_many_mutations_without_lessons_keep_the_distribution():
 
 
 def test_sure_people_rarely_answer_against_their_kpis():
-    draws = Utilities.drawn(scale_of(random_bank()), 2000, np.random.default_rng(0), mistakes=SURE)
+    draws = Utilities.draw(scale_of(random_bank()), 2000, np.random.default_rng(0), mistakes=SURE)
     assert draws.errors.mean() == pytest.approx(0.7 * 0.02 + 0.2 * 0.1 + 0.1 * 0.25, abs=0.005)
 
 
 def test_a_mutation_changes_one_kpi_or_what_all_have_in_common():
     scale, rng = scale_of(random_bank()), np.random.default_rng(3)
-    before = Utilities.drawn(scale, 500, rng)
-    after = before.mutate(Utilities.drawn(scale, 500, rng), rng)
+    before = Utilities.draw(scale, 500, rng)
+    after = before.mutate(Utilities.draw(scale, 500, rng), rng)
     weight, shape = after.normals != before.normals, after.steps != before.steps
     common = (after.noticed != before.noticed) | (after.errors != before.errors)
     assert np.all(np.isin(weight.sum(axis=1), [0, 1, 3]))
@@ -244,4 +244,4 @@ def test_draws_are_taken_and_mixed_row_by_row():
 
 
 def test_a_difference_is_noticed_from_1_on():
-    assert noticed(np.array([-5.0, 0.0, 1.0, 2.0, 1e30])) == pytest.approx([0, 0, 0.5, 1, 1], abs=0.002)
+    assert notice_chance(np.array([-5.0, 0.0, 1.0, 2.0, 1e30])) == pytest.approx([0, 0, 0.5, 1, 1], abs=0.002)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_agents.people import DRAWS, Lessons, Scale, Utilities, updated
+from prefcal_agents.people import DRAWS, Lessons, Scale, Utilities, update
 from prefcal_agents.result import Pool, wishes
 from prefcal_env.preferences.history import History
 from support.simulated import of_pairs, random_bank
@@ -22,9 +22,9 @@ def taught(kpi, count=20):
     values = BANK.kpis[:, kpi]
     record = of_pairs(BANK, some, [int(np.sign(values[new] - values[old])) for old, new in some])
     rng = np.random.default_rng(0)
-    before = Utilities.drawn(SCALE, DRAWS, rng)
+    before = Utilities.draw(SCALE, DRAWS, rng)
     lessons = [Lessons.of(BANK, SCALE, part) for part in (History(), record)]
-    after = updated(before, *lessons, SCALE, rng)
+    after = update(before, *lessons, SCALE, rng)
     return Pool.of(BANK, SCALE, LOGS, [(History(), before), (record, after)]), record
 
 

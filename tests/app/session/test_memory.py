@@ -42,14 +42,14 @@ def study(kept, tmp_path):
 def counting():
     """The number of answers of each stage that is learned anew meanwhile."""
     anew = []
-    following = fits._following
+    following = fits._follow
 
     def counted(seed, past, *rest):
         anew.append(past.answered)
         return following(seed, past, *rest)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(fits, "_following", counted)
+        patch.setattr(fits, "_follow", counted)
         yield anew
 
 
@@ -131,7 +131,7 @@ def learns_anew(path, **changed):
 
     settings = {"n_init": 3, "n_max": 20, "seed": 0, **changed}
     with StudyFile.open(path, clock=clock()) as file, pytest.MonkeyPatch.context() as patch:
-        patch.setattr(fits, "_following", learns)
+        patch.setattr(fits, "_follow", learns)
         agent = GLISp(toy_scenario().space, **settings)
         agent.history = file.state.history
         driver.Memory(file).recall(agent)

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prefcal_env.preferences.answer import Preference
-from prefcal_env.preferences.history import Verdict, best_of, contradictory, reigns, undominated
+from prefcal_env.preferences.history import Verdict, best_of, contradictory, find_undominated, reigns
 
 
 def record(*answers, follow_up=False):
@@ -34,7 +34,7 @@ def reached(start, steps):
 
 def test_before_any_answer_the_first_experiment_is_the_best():
     assert best_of([]) == 0
-    assert undominated([]) == ()
+    assert find_undominated([]) == ()
 
 
 def test_each_new_best_has_beaten_the_one_before():
@@ -47,12 +47,12 @@ def test_winning_against_another_rival_crowns_nobody():
     """The README's second command once called experiment 2 the best this way."""
     verdicts = record((1, 0, -1), (2, 1, -1)) + record((3, 0, -1), follow_up=True)
     assert best_of(verdicts) == 2
-    assert undominated(verdicts) == (frozenset({2}), frozenset({3}))
+    assert find_undominated(verdicts) == (frozenset({2}), frozenset({3}))
 
 
 def test_a_tie_keeps_the_one_that_was_there():
     assert best_of(record((1, 0, 0), (2, 0, 0))) == 0
-    assert undominated(record((1, 0, 0))) == (frozenset({0, 1}),)
+    assert find_undominated(record((1, 0, 0))) == (frozenset({0, 1}),)
 
 
 def test_in_a_circle_the_latest_winner_is_the_best():
@@ -99,7 +99,7 @@ def test_nobody_standing_has_beaten_the_best(raw):
 def test_the_groups_are_those_that_nobody_outside_beats(raw):
     verdicts = record(*raw)
     compared = {i for a, b, _ in raw for i in (a, b)}
-    found = {index for group in undominated(verdicts) for index in group}
+    found = {index for group in find_undominated(verdicts) for index in group}
     assert found == {i for i in compared if not dominators(verdicts, i)}
 
 
