@@ -22,7 +22,7 @@ _STEPS = 30  # steps of the fixed point; each one brings the constants several t
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Pool:
+class DrawPool:
     """Draws given several records, and what weighs them for any other record.
 
     Args:
@@ -52,7 +52,7 @@ class Pool:
         scale: Scale,
         logs: Float[np.ndarray, "m k"],
         given: Sequence[tuple[History, Utilities]],
-    ) -> "Pool":
+    ) -> "DrawPool":
         """Return the pool of draws that were made given some records, as many for each.
 
         Each draw counts as one of the mixture of all distributions that draws were made from. Their
@@ -153,7 +153,7 @@ class Influence:
         return self.chance >= _DOUBTFUL
 
 
-def influences(pool: Pool, history: History) -> tuple[Influence, ...]:
+def influences(pool: DrawPool, history: History) -> tuple[Influence, ...]:
     """Return the influence of each answer that teaches and prefers a side, in the order given.
 
     Args:
@@ -181,7 +181,7 @@ def decisive(found: tuple[Influence, ...], best: int) -> Influence | None:
     return max(changing, key=lambda each: (each.sure, each.chance), default=None)
 
 
-def stakes(pool: Pool, history: History, incumbent: int) -> float:
+def stakes(pool: DrawPool, history: History, incumbent: int) -> float:
     """Return how probably another sample is the best after the answer to the open question.
 
     Args:
@@ -208,7 +208,7 @@ def turned(history: History, index: int) -> History:
     return replace(history, comparisons=comparisons, leads=())
 
 
-def _result(pool: Pool, history: History) -> tuple[int, bool]:
+def _result(pool: DrawPool, history: History) -> tuple[int, bool]:
     """Return the sample that is the best after a record, and whether draws leave no doubt."""
     best = history.by_answers
     assert best is not None  # something was answered
@@ -377,7 +377,7 @@ _CERTAIN = 0.8
 less sure ones, and none of the 11 limits that were named with them (docs/research/archive.md)."""
 
 
-def wishes(pool: Pool, history: History, spread: Int[np.ndarray, " r"], result: int) -> dict[str, float]:
+def wishes(pool: DrawPool, history: History, spread: Int[np.ndarray, " r"], result: int) -> dict[str, float]:
     """Return how surely the person wanted each KPI better; only those that are sure enough are named.
 
     Args:
@@ -394,12 +394,12 @@ def wishes(pool: Pool, history: History, spread: Int[np.ndarray, " r"], result: 
     return {name: certainty for name, certainty in found.items() if certainty >= _CERTAIN}
 
 
-def cautious(pool: Pool, history: History) -> Utilities:
+def cautious(pool: DrawPool, history: History) -> Utilities:
     """Return draws whose certainties hold for people unlike the draws, too."""
     return pool.drawn(history, _DRAWS, _POWER)
 
 
-def _certainty(pool: Pool, draws: Utilities, rows: Int[np.ndarray, " r"], result: int, kpi: int) -> float:
+def _certainty(pool: DrawPool, draws: Utilities, rows: Int[np.ndarray, " r"], result: int, kpi: int) -> float:
     """Return how surely a worse value would be noticed, all other KPIs the same.
 
     The value is the first that is sure enough; 0 if there is none, or if no shown run has it or a worse

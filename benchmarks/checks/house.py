@@ -85,7 +85,7 @@ def parts(imports: Any) -> Iterator[Row]:
     files = [*(path for _, path in imports.FILES), *sorted(package.rglob("*.py"))]
     trees = {path: ast.parse(path.read_text(encoding="utf-8")) for path in files}
     classes = [n for tree in trees.values() for n in ast.walk(tree) if isinstance(n, ast.ClassDef)]
-    yield _counted("class names that exist twice", Counter(c.name for c in classes), 1, 15)
+    yield _counted("class names that exist twice", Counter(c.name for c in classes), 1, 8)
     members = Counter({f"{c.name}:{c.lineno}": len(public_members(c)) for c in classes})
     yield _counted(f"classes with more than {MEMBERS} public members", members, MEMBERS, 0)
     yield Row("public names at the three doors", len(imports.public_names()), 60)

@@ -9,7 +9,7 @@ import numpy as np
 from prefcal_env.envs import cstr as reactor
 from prefcal_env.envs.closed_loop import rollout
 from prefcal_env.envs.overtake import Course
-from prefcal_env.envs.overtake.scene import Phase
+from prefcal_env.envs.overtake.scene import DrivePhase
 from prefcal_env.experiments.experiment import Controller, Experiment, Measurement, Move
 from prefcal_env.mpc import LinearMPC, MPCSettings, kernels
 from prefcal_env.plants import CSTR
@@ -67,7 +67,7 @@ def drive(
     """Run one overtaking."""
     at = np.array(theta, dtype=float)
     at[3:] *= np.log10(base)
-    driver = Supervisor({p: change(car_tuning.mpc_settings(at, p, fixed)) for p in Phase})
+    driver = Supervisor({p: change(car_tuning.mpc_settings(at, p, fixed)) for p in DrivePhase})
     return rollout(Course(), driver, np.array(theta, dtype=float), kpis=car_kpis)
 
 

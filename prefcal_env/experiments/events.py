@@ -25,7 +25,7 @@ _LOUD = 0.2  # share of the largest error above which a start is an event, howev
 
 
 @dataclass(frozen=True, slots=True)
-class Event:
+class RunEvent:
     """Something that an output has to respond to.
 
     Args:
@@ -208,7 +208,7 @@ class Response:
     y: Curve
     r: Curve
     smooth: Curve
-    events: tuple[Event, ...]
+    events: tuple[RunEvent, ...]
 
     @classmethod
     def of(cls, t: Curve, y: Curve, r: Curve, band: float | None = None) -> "Response":
@@ -232,24 +232,24 @@ class Response:
             smooth[rows] = _smooth(y[rows] - r[rows], noise, each.band)
             stops = [*_loads(t, smooth, each.last, each.end, each.band, scale), each.end]
             if each.kind:
-                events.append(Event(each.kind, each.first, each.last, stops[0], each.size, each.band))
-            events += [Event("load", row, row, stop, 0.0, each.band) for row, stop in pairwise(stops)]
+                events.append(RunEvent(each.kind, each.first, each.last, stops[0], each.size, each.band))
+            events += [RunEvent("load", row, row, stop, 0.0, each.band) for row, stop in pairwise(stops)]
         return cls(t, y, r, smooth, tuple(events))
 
     @property
-    def loads(self) -> tuple[Event, ...]:
+    def loads(self) -> tuple[RunEvent, ...]:
         """The loads."""
         return tuple(event for event in self.events if event.kind == "load")
 
     @property
-    def changes(self) -> tuple[Event, ...]:
+    def changes(self) -> tuple[RunEvent, ...]:
         """The events but loads; of a record without one, the loads, or else the whole record."""
         found = tuple(event for event in self.events if event.kind != "load")
         error = self.y - self.r
         band = max(BAND * float(np.abs(error).max()), _SURE * noise_of(self.t, error))
-        return found or self.loads or (Event("load", 0, 0, len(self.t), 0.0, band),)
+        return found or self.loads or (RunEvent("load", 0, 0, len(self.t), 0.0, band),)
 
-    def overshoot(self, event: Event) -> float:
+    def overshoot(self, event: RunEvent) -> float:
         """Return how far the output goes beyond the new value, on the other side than it comes from.
 
         After a load it comes from no side: its largest error counts.
@@ -258,12 +258,12 @@ class Response:
         beyond = np.abs(beyond) if event.kind == "load" else np.sign(event.size) * beyond
         return max(float(beyond.max()), 0.0)
 
-    def settling_time(self, event: Event) -> float:
+    def settling_time(self, event: RunEvent) -> float:
         """Return the time from the event until the error stays in the band; infinite for never."""
         rows = slice(event.first, event.end)
         return entered(self.t[rows], self.smooth[rows], event.band) - float(self.t[event.first])
 
-    def lag(self, event: Event) -> float:
+    def lag(self, event: RunEvent) -> float:
         """Return by which time the output trails a ramp of its reference, at the end of the ramp."""
         first, last = event.first - 1, event.last
         speed = (self.r[last] - self.r[first]) / (self.t[last] - self.t[first])

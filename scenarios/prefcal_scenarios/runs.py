@@ -266,7 +266,7 @@ def _frozen(theta: Any) -> Float[np.ndarray, " n"]:
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
+class RunTask:
     """How each θ is run."""
 
     source: Source  # source of the scenario
@@ -311,7 +311,7 @@ def _unloadable(error: RunError) -> ScenarioError:
 
 def _run_of(files: dict[str, str], content: bytes) -> Callable[[Any], Any]:
     """Return, in a worker, what runs a θ; an experiment is sent as the bytes of its record."""
-    task: Task = _Unpickler(BytesIO(content), files).load()
+    task: RunTask = _Unpickler(BytesIO(content), files).load()
 
     def run(theta: Float[np.ndarray, " n"]) -> Simulated | bytes:
         found = task(theta)
@@ -320,7 +320,7 @@ def _run_of(files: dict[str, str], content: bytes) -> Callable[[Any], Any]:
     return run
 
 
-def _packed(task: Task) -> bytes:
+def _packed(task: RunTask) -> bytes:
     """Return the work of a worker, also if parts of `task` are known only in this process.
 
     What was made in a notebook or in the main script travels by value. A file that an import
@@ -459,7 +459,7 @@ def _results(
     scenario: Scenario, thetas: Iterable[Float[np.ndarray, " n"]], options: _Options, ahead: int
 ) -> Generator[Result, None, None]:
     """Yield the results of all `thetas` in order, of which `ahead` may wait for an earlier one."""
-    task = Task(scenario.source, int(options.seed), options.trajectories)
+    task = RunTask(scenario.source, int(options.seed), options.trajectories)
     total = len(thetas) if isinstance(thetas, Sized) else None
     jobs = options.jobs or usable_cores()
     jobs = jobs if total is None else min(jobs, max(total, 1))

@@ -164,7 +164,7 @@ def knob_axis(knob: Knob) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
+class PIDParameter:
     """Parameter of a PID in one form."""
 
     form: str  # forms that have it
@@ -178,7 +178,7 @@ ISA, PARALLEL, BOTH = "ISA (standard)", "parallel", "both"
 """Forms: K_p (e + 1/T_i ∫e dt + T_d de/dt), and K_p e + K_i ∫e dt + K_d de/dt."""
 
 
-def pid_forms(settings: Mapping[str, Any], space: KnobSpace, time_unit: str) -> tuple[Parameter, ...]:
+def pid_forms(settings: Mapping[str, Any], space: KnobSpace, time_unit: str) -> tuple[PIDParameter, ...]:
     """Return the parameters of the PIDs that `settings` describe, ISA and parallel; () for others.
 
     Args:
@@ -189,26 +189,26 @@ def pid_forms(settings: Mapping[str, Any], space: KnobSpace, time_unit: str) -> 
     kind = settings.get("controller")
     pids = [settings] if kind == "PID" else settings["pids"] if kind == "Decentralized" else []
     units = {knob.name: knob.unit for knob in space}
-    found: list[Parameter] = []
+    found: list[PIDParameter] = []
     for number, pid in enumerate(pids, start=1):
         end = f"_{number}" if len(pids) > 1 else ""
         found += _forms(pid, end, units.get(f"K_p{end}", ""), time_unit)
     return tuple(found)
 
 
-def _forms(pid: Mapping[str, Any], end: str, gain: str, time: str) -> Iterator[Parameter]:
+def _forms(pid: Mapping[str, Any], end: str, gain: str, time: str) -> Iterator[PIDParameter]:
     K_p, T_d, N = pid["K_p"], pid["T_d"], pid["N"]
     T_i = inf if pid["T_i"] is None else pid["T_i"]  # None in plain data, for no integral action
     plain = gain or "1"
-    yield Parameter(BOTH, f"K_p{end}", K_p, gain)
-    yield Parameter(ISA, f"T_i{end}", T_i, time)
-    yield Parameter(ISA, f"T_d{end}", T_d, time)
-    yield Parameter(PARALLEL, f"K_i{end}", K_p / T_i, f"{plain}/{time}", "K_p/T_i")
-    yield Parameter(PARALLEL, f"K_d{end}", K_p * T_d, f"{gain} {time}".strip(), "K_p T_d")
-    yield Parameter(BOTH, f"T_f{end} (filter of the derivative)", T_d / N, time, "T_d/N")
-    yield Parameter(BOTH, f"b{end} (set-point weight of K_p)", pid["b"], "")
-    yield Parameter(BOTH, f"c{end} (set-point weight of T_d)", pid["c"], "")
-    yield Parameter(BOTH, f"T_s{end} (sampling time)", pid["T_s"], time)
+    yield PIDParameter(BOTH, f"K_p{end}", K_p, gain)
+    yield PIDParameter(ISA, f"T_i{end}", T_i, time)
+    yield PIDParameter(ISA, f"T_d{end}", T_d, time)
+    yield PIDParameter(PARALLEL, f"K_i{end}", K_p / T_i, f"{plain}/{time}", "K_p/T_i")
+    yield PIDParameter(PARALLEL, f"K_d{end}", K_p * T_d, f"{gain} {time}".strip(), "K_p T_d")
+    yield PIDParameter(BOTH, f"T_f{end} (filter of the derivative)", T_d / N, time, "T_d/N")
+    yield PIDParameter(BOTH, f"b{end} (set-point weight of K_p)", pid["b"], "")
+    yield PIDParameter(BOTH, f"c{end} (set-point weight of T_d)", pid["c"], "")
+    yield PIDParameter(BOTH, f"T_s{end} (sampling time)", pid["T_s"], time)
 
 
 # --- Make the folder of a report, check the file of a picture, and write them.

@@ -23,7 +23,7 @@ from prefcal_agents.people import (
     learn,
     update,
 )
-from prefcal_agents.result import Pool, limited
+from prefcal_agents.result import DrawPool, limited
 from prefcal_agents.search import Region, latin_hypercube
 from prefcal_agents.taste import Told, lessons_of
 from prefcal_env.arrays import integer
@@ -385,7 +385,7 @@ class Growth:
         self.pool = Remembered(self._pool, 1)  # the latest one: it is large
         """Draws of the study after a record, which say what other answers would teach."""
 
-    def _pool(self, history: History) -> Pool:
+    def _pool(self, history: History) -> DrawPool:
         stage, last = self.stage(history), history.answered
         given = [(History(), self._before(history, stage.scale))]
         for count in range(max(last - _RECALLED, 1), last):
@@ -394,7 +394,7 @@ class Growth:
             # A KPI that was the same everywhere came in later: draws without it say nothing of it.
             if earlier.scale.names == stage.scale.names:
                 given.append((past, earlier.utilities))
-        return Pool.of(stage.bank, stage.scale, stage.logs, [*given, (history, stage.utilities)])
+        return DrawPool.of(stage.bank, stage.scale, stage.logs, [*given, (history, stage.utilities)])
 
     def _before(self, history: History, scale: Scale) -> Utilities:
         """Return draws before any answer of this study, for the pool after `history`."""

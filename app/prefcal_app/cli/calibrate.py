@@ -30,7 +30,7 @@ from prefcal_app.report.record import (
 )
 from prefcal_app.session import Background, Interview, Phase, unattended
 from prefcal_app.session.study import as_studied, is_simulating
-from prefcal_app.simulating import Kept, Simulator, key_of, twin_of
+from prefcal_app.simulating import SimulationFile, Simulator, key_of, twin_of
 from prefcal_app.terminal import converse
 from prefcal_app.terminal.showing import say
 from prefcal_env.compiling import Compiling
@@ -332,7 +332,7 @@ def _simulator(
     if keep and options.study is not None and not given:
         source = options.scenario if options.twin is None else options.twin
         key = key_of(studied, source, state.configuration, versions())
-        kept = Kept(beside_study(Path(file.path), SIMULATED), key)
+        kept = SimulationFile(beside_study(Path(file.path), SIMULATED), key)
     jobs = 0 if given else None
     simulator = Simulator(
         studied, seed=options.seed, jobs=jobs, longest=limit, kept=kept, robust=options.robust

@@ -32,7 +32,7 @@ from prefcal_env.wording import in_words, located
 from prefcal_scenarios.runs import WORST, grouped
 from prefcal_scenarios.scenario import KPI, Scenario
 from prefcal_scenarios.wording import (
-    Parameter,
+    PIDParameter,
     ended_text,
     folder_for,
     knob_number,
@@ -483,7 +483,7 @@ def foremost_kpis(record: StudyRecord, room: int) -> list[KPI]:
     return foremost(list(filter(tells, ranked)), room, lambda k: bool(objective(k)))
 
 
-def pid_forms_of(record: StudyRecord) -> list[tuple[Parameter, str, str]]:
+def pid_forms_of(record: StudyRecord) -> list[tuple[PIDParameter, str, str]]:
     """Return each parameter of a tuned PID in both forms, with its best value and that before.
 
     Empty for other controllers.
@@ -497,7 +497,7 @@ def pid_forms_of(record: StudyRecord) -> list[tuple[Parameter, str, str]]:
     )
     knobs = {knob.name: knob for knob in scenario.space}
 
-    def text(p: Parameter) -> str:
+    def text(p: PIDParameter) -> str:
         knob = knobs.get(p.name.partition(" ")[0])  # "b (set-point weight of K_p)"
         return number(p.value) if knob is None else knob_number(knob, p.value)
 

@@ -4,7 +4,7 @@ The page, the terminal and unattended runs drive the same `Interview`. Whatever 
 already in the study file. What a person can do is in `actions`.
 """
 
-from prefcal_app.simulating import Simulated as Simulated
+from prefcal_app.simulating import SimulationCounts as SimulationCounts
 from prefcal_app.summary import Consistency as Consistency
 from prefcal_app.summary import Counts as Counts
 from prefcal_app.summary import Outlook as Outlook

@@ -12,7 +12,7 @@ from prefcal_agents.glisp.agent import Foresight
 from prefcal_agents.learned_cost import LearnedCost
 from prefcal_agents.screening.agent import Screening
 from prefcal_agents.screening.findings import Findings
-from prefcal_app.simulating import Screened, Simulated, Simulator, named_twin, promise, simulates, told
+from prefcal_app.simulating import Screened, SimulationCounts, Simulator, named_twin, promise, simulates, told
 from prefcal_app.summary import (
     Consistency,
     Counts,
@@ -90,7 +90,7 @@ class Known:
         return cast(GLISp, agent).settings.questions_per_experiment if agent.paced else None
 
     @property
-    def simulated(self) -> Simulated | None:
+    def simulated(self) -> SimulationCounts | None:
         """Return how many θ were simulated unseen; None if the agent simulates nothing."""
         return simulated(self._driver)
 
@@ -231,7 +231,7 @@ class Known:
         return Consistency.of(self._driver.state)
 
 
-def simulated(driver: Driver) -> Simulated | None:
+def simulated(driver: Driver) -> SimulationCounts | None:
     """Return how many θ were simulated unseen; None if the agent simulates nothing."""
     simulator, screened = driver.thoughts.simulator, driver.thoughts.screened
     if simulator is None:
@@ -245,7 +245,7 @@ def simulated(driver: Driver) -> Simulated | None:
         count, failed = len(screened.bank.failed), int(screened.bank.failed.sum())
     # Equal θ run once: where nothing is simulated any more, fewer than that were.
     twin, due = driver.thoughts.twin is not None, agent.due if simulator.busy else 0
-    return Simulated(count, planned, failed, shown, twin=twin, due=due)
+    return SimulationCounts(count, planned, failed, shown, twin=twin, due=due)
 
 
 class Past:

@@ -17,7 +17,7 @@ from prefcal_agents.learned_cost import LearnedCost
 from prefcal_agents.lessons import Subset, judged
 from prefcal_agents.registry import CLASSES
 from prefcal_agents.screening.agent import Screening
-from prefcal_app.simulating import Simulated, Simulator, simulates
+from prefcal_app.simulating import SimulationCounts, Simulator, simulates
 from prefcal_env.compiling import Compiling
 from prefcal_env.errors import StudyError
 from prefcal_env.experiments.experiment import Channels, End, Experiment
@@ -244,7 +244,7 @@ class Now:
     draft: str = ""
     preparing: Compiling | None = None
     run_limit: float | None = None
-    simulated: Simulated | None = None
+    simulated: SimulationCounts | None = None
     plant: PlantNow | None = None
     running: int = 0
 

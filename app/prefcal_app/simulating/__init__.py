@@ -5,9 +5,9 @@ chosen from. `why` and what stands beside it put the agent's `Findings` into wor
 """
 
 from .simulator import Abandoned as Abandoned
-from .simulator import Kept as Kept
 from .simulator import Screened as Screened
-from .simulator import Simulated as Simulated
+from .simulator import SimulationCounts as SimulationCounts
+from .simulator import SimulationFile as SimulationFile
 from .simulator import Simulator as Simulator
 from .simulator import key_of as key_of
 from .simulator import named_twin as named_twin

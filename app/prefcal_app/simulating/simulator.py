@@ -34,14 +34,14 @@ from prefcal_env.wording import labeled
 from prefcal_env.workers import Pool, Terms, usable_cores
 from prefcal_scenarios import verification
 from prefcal_scenarios.own import fingerprint, fingerprint_of_code
-from prefcal_scenarios.runs import FailedRun, Result, Task, all_screened, has_goals, reading
+from prefcal_scenarios.runs import FailedRun, Result, RunTask, all_screened, has_goals, reading
 from prefcal_scenarios.scenario import Scenario, with_ranges
 
 # --- Keep the KPIs of simulated θ in a file beside the study: nothing is simulated twice.
 
 
 @final
-class Kept:
+class SimulationFile:
     """The KPIs that a file keeps, and the file that keeps more of them.
 
     It is a cache: what is damaged, or was simulated by something else, is simulated again, and a
@@ -236,7 +236,7 @@ def past_of(agent: Agent) -> History:
 
 
 @dataclass(frozen=True, slots=True)
-class Simulated:
+class SimulationCounts:
     """Numbers of what a study simulated unseen and what it showed.
 
     Args:
@@ -316,7 +316,7 @@ class Simulator:
         seed: int = 0,
         jobs: int | None = None,
         longest: float = np.inf,
-        kept: Kept | None = None,
+        kept: SimulationFile | None = None,
         robust: bool = False,
     ) -> None:
         source = scenario.source.elsewhere
@@ -327,7 +327,7 @@ class Simulator:
         run = verification.varied_runs.Perturbed(scenario, seed) if robust else source
         margins, judge = {kpi.name for kpi in scenario.kpis if kpi.margin}, verification.varied_runs.runs_kept
         self.holds = partial(judge, self.many, self.reading, margins=margins) if robust else None
-        self._task = Task(run, seed, trajectories=not directed)
+        self._task = RunTask(run, seed, trajectories=not directed)
         # They are gentle: the page has its processor even if there is a worker on each core. This
         # process runs built-in scenarios, too, until the first worker is ready.
         most = min(usable_cores() if own else max(usable_cores() - 1, 1), _MOST)

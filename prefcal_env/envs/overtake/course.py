@@ -17,10 +17,10 @@ from prefcal_env.plants.bicycle import Bicycle
 from .scene import (
     KEEPING_SPEED,
     T_S_RANGE,
+    DrivePhase,
     Mover,
     Obstacle,
     OvertakeOptions,
-    Phase,
     Poses,
     Times,
     first_contact,
@@ -71,7 +71,7 @@ class Course:
         self.plant = Bicycle(self.options.wheelbase)
         self.end: End | None = None
         self.mishap: Mishap | None = None
-        self.phase = Phase.LANE_KEEPING
+        self.phase = DrivePhase.LANE_KEEPING
         self._rng: np.random.Generator | None = None
         self._trajectory: Trajectory | None = None
 
@@ -118,12 +118,12 @@ class Course:
         self.t, self.x, self.u = 0.0, pose, np.array([KEEPING_SPEED, 0.0])
         self.end, self.mishap = None, None
         self._trajectory = Trajectory(self.x, self.u)
-        self._phases: list[tuple[Phase, int]] = []
+        self._phases: list[tuple[DrivePhase, int]] = []
         # Two more: for the rest of a duration that is no multiple of T_s, and for rounding.
         self._times = _instants(T_s, int(self.options.duration / T_s) + 2)
         # Where the obstacle will be, all at once: faster than period by period.
         self._ahead = Obstacle().at(self._times.ravel()).reshape(*self._times.shape, 4)
-        self.phase = Phase.LANE_KEEPING
+        self.phase = DrivePhase.LANE_KEEPING
         self._look(np.concatenate([mover.at(np.zeros(1)) for mover in movers]))
 
     def apply(self, u: Float[np.ndarray, " 2"]) -> Period:

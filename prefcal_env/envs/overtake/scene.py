@@ -48,14 +48,14 @@ MISHAP_COST = 10.0
 so it never pays to end an episode."""
 
 
-class Phase(IntEnum):
+class DrivePhase(IntEnum):
     """Phase of the drive: what the ego vehicle is doing."""
 
     LANE_KEEPING = 0
     OVERTAKING = 1
 
 
-def next_phase(phase: Phase, x_f: float, obstacles: Float[np.ndarray, "n 3"]) -> Phase:
+def next_phase(phase: DrivePhase, x_f: float, obstacles: Float[np.ndarray, "n 3"]) -> DrivePhase:
     """Return the phase at this sampling instant, given the previous one (at first lane keeping).
 
     Source: section IV-B, "within safety distance"; geometry as stated in `gap` and `clearance`.
@@ -70,13 +70,13 @@ def next_phase(phase: Phase, x_f: float, obstacles: Float[np.ndarray, "n 3"]) ->
         obstacles: (x_o, y_o [m], v_o [m/s]) of each obstacle, shape (n, 3); n may be 0.
     """
     ahead = [x_o for x_o, y_o, _ in obstacles.tolist() if y_o < LANE_WIDTH / 2]
-    if phase is Phase.LANE_KEEPING:
+    if phase is DrivePhase.LANE_KEEPING:
         begins = any(0 < gap(x_f, x_o) < SAFETY_DISTANCE for x_o in ahead)
-        return Phase.OVERTAKING if begins else Phase.LANE_KEEPING
+        return DrivePhase.OVERTAKING if begins else DrivePhase.LANE_KEEPING
     to_pass = [x_o for x_o in ahead if clearance(x_f, x_o) <= SAFETY_DISTANCE]
     none_passed = len(to_pass) == len(ahead)
     goes_on = any(none_passed or gap(x_f, x_o) < SAFETY_DISTANCE for x_o in to_pass)
-    return Phase.OVERTAKING if goes_on else Phase.LANE_KEEPING
+    return DrivePhase.OVERTAKING if goes_on else DrivePhase.LANE_KEEPING
 
 
 def beside(x_f: float, obstacles: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "m 3"]:
@@ -102,7 +102,7 @@ def clearance(x_f: float, x_o: Position) -> Position:
 
 
 def stage_cost(
-    t: Float[np.ndarray, " M"], y: Float[np.ndarray, " M"], u: Float[np.ndarray, " 2"], phase: Phase
+    t: Float[np.ndarray, " M"], y: Float[np.ndarray, " M"], u: Float[np.ndarray, " 2"], phase: DrivePhase
 ) -> float:
     """Return the cost of a period, 1/s: (Δv/20 km/h)² + mean of (Δy/3 m)² + (δ_s/45°)².
 
@@ -111,7 +111,7 @@ def stage_cost(
     instants of the period, with both ends [s], `y` is y_f then [m], `u` are the held v [m/s] and
     δ_s [rad], `phase` is that of its start.
     """
-    overtaking = phase is Phase.OVERTAKING
+    overtaking = phase is DrivePhase.OVERTAKING
     v_ref = OVERTAKING_SPEED if overtaking else KEEPING_SPEED
     y_ref = MIN_LATERAL_DISTANCE if overtaking else 0.0
     error = ((y - y_ref) / MIN_LATERAL_DISTANCE) ** 2
@@ -485,7 +485,7 @@ def signals_of(
             named[f"{name}_yaw"] = place[:, 2]
     if road != ROAD:
         named["road_left"] = np.full(len(t), road[1])
-    overtaking = phases == Phase.OVERTAKING
+    overtaking = phases == DrivePhase.OVERTAKING
     ahead = np.array([other[:, 0] for other in others]) - poses[:, 0]
     return named | {
         "gap": gap(0.0, ahead[np.abs(ahead).argmin(axis=0), np.arange(len(t))]),

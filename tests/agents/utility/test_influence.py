@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from prefcal_agents.people import DRAWS, Scale, Utilities, overtaking
-from prefcal_agents.result import Pool, decisive, influences, stakes, turned
+from prefcal_agents.result import DrawPool, decisive, influences, stakes, turned
 from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_env.preferences.history import Comparison, History
 from support.histories import in_cube
@@ -33,7 +33,7 @@ def record(*given, pending=None):
 
 def pool_of(history):
     prior = Utilities.draw(SCALE, 4 * DRAWS, np.random.default_rng(0))
-    return Pool.of(BANK, SCALE, SCALE(BANK), [(history.until(0), prior), (history, prior)])
+    return DrawPool.of(BANK, SCALE, SCALE(BANK), [(history.until(0), prior), (history, prior)])
 
 
 def test_a_verdict_that_all_people_would_give_is_less_open_than_one_of_taste():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from prefcal_agents.people import DRAWS, Lessons, Scale, Utilities, update
-from prefcal_agents.result import Pool, turned
+from prefcal_agents.result import DrawPool, turned
 from prefcal_env.preferences.history import History
 from support.simulated import in_chain, random_bank
 
@@ -44,7 +44,7 @@ def record():
 
 @pytest.fixture(scope="module")
 def pool(record):
-    return Pool.of(BANK, SCALE, LOGS, learned(record))
+    return DrawPool.of(BANK, SCALE, LOGS, learned(record))
 
 
 def better(costs, weights):

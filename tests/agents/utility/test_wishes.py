@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from prefcal_agents.people import DRAWS, Lessons, Scale, Utilities, update
-from prefcal_agents.result import Pool, wishes
+from prefcal_agents.result import DrawPool, wishes
 from prefcal_env.preferences.history import History
 from support.simulated import of_pairs, random_bank
 
@@ -25,7 +25,7 @@ def taught(kpi, count=20):
     before = Utilities.draw(SCALE, DRAWS, rng)
     lessons = [Lessons.of(BANK, SCALE, part) for part in (History(), record)]
     after = update(before, *lessons, SCALE, rng)
-    return Pool.of(BANK, SCALE, LOGS, [(History(), before), (record, after)]), record
+    return DrawPool.of(BANK, SCALE, LOGS, [(History(), before), (record, after)]), record
 
 
 @pytest.mark.parametrize("kpi", range(3))

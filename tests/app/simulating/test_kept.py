@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_app.simulating import Kept, Simulator, key_of
+from prefcal_app.simulating import SimulationFile, Simulator, key_of
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.preferences.answer import Outcome
 from prefcal_scenarios.runs import FailedRun
@@ -17,7 +17,7 @@ CONFIGURATION = {"seed": 3}
 
 
 def simulated(path, thetas, key="a"):
-    with Simulator(unseen, jobs=0, kept=Kept(path, key)) as simulator:
+    with Simulator(unseen, jobs=0, kept=SimulationFile(path, key)) as simulator:
         return simulator.many(thetas)
 
 
@@ -38,30 +38,30 @@ def test_nothing_is_simulated_twice_not_even_what_raised_an_error(tmp_path, monk
 
 def test_every_number_comes_back_exactly(tmp_path):
     path, kpis = tmp_path / "mine.simulated", Outcome({"a": np.inf, "b": 0.1 + 0.2, "ü": -0.0})
-    kept = Kept(path, "a")
+    kept = SimulationFile(path, "a")
     kept.add(THETAS[0], kpis)
     kept.close()
-    assert list(Kept(path, "a").known.values()) == [kpis]
+    assert list(SimulationFile(path, "a").known.values()) == [kpis]
 
 
 def test_no_worker_starts_if_results_are_kept(tmp_path, monkeypatch):
     path = tmp_path / "mine.simulated"
     first = simulated(path, THETAS)
     monkeypatch.setattr("prefcal_env.workers.Pool.start", None)
-    with Simulator(unseen, jobs=1, kept=Kept(path, "a")) as simulator:
+    with Simulator(unseen, jobs=1, kept=SimulationFile(path, "a")) as simulator:
         simulator.start()
         assert simulator.many(THETAS) == first
 
 
 @pytest.mark.parametrize("why", ["late", "died"])
 def test_what_the_machine_made_fail_is_tried_again(tmp_path, why):
-    kept = Kept(tmp_path / "mine.simulated", "a")
+    kept = SimulationFile(tmp_path / "mine.simulated", "a")
     simulator = Simulator(unseen, jobs=0, kept=kept)
     simulator.many(THETAS[:1])
     simulator._keep([(RAISES, FailedRun(RAISES, why, "it took too long"))])
     assert simulator.failed == 1
     simulator.close()
-    assert len(Kept(tmp_path / "mine.simulated", "a").known) == 1
+    assert len(SimulationFile(tmp_path / "mine.simulated", "a").known) == 1
 
 
 def test_if_every_run_failed_all_are_tried_again(tmp_path, monkeypatch):
@@ -73,8 +73,8 @@ def test_what_something_else_simulated_is_not_used_and_replaced(tmp_path, monkey
     path = tmp_path / "mine.simulated"
     simulated(path, THETAS)
     assert counted(monkeypatch, path, THETAS[:2], key="b")[1] == 2
-    assert len(Kept(path, "b").known) == 2
-    assert not Kept(path, "a").known
+    assert len(SimulationFile(path, "b").known) == 2
+    assert not SimulationFile(path, "a").known
 
 
 def torn(content):
@@ -99,7 +99,7 @@ def test_a_damaged_line_is_simulated_again_and_mended(tmp_path, monkeypatch, dam
     again, ran = counted(monkeypatch, path, [*THETAS, RAISES])
     assert again[:-1] == first
     assert ran == lost + 1
-    assert len(Kept(path, "a").known) == 6
+    assert len(SimulationFile(path, "a").known) == 6
     assert b"\xff" not in path.read_bytes()
 
 

@@ -16,7 +16,7 @@ from prefcal_env.envs.overtake.scene import (
     OVERTAKING_SPEED,
     OVERTAKING_SPEEDS,
     T_S_RANGE,
-    Phase,
+    DrivePhase,
     beside,
     next_phase,
 )
@@ -58,21 +58,22 @@ class Supervisor:
         SettingsError: If the settings do not fit the plant.
     """
 
-    def __init__(self, settings: Mapping[Phase, MPCSettings]) -> None:
-        self._mpc = {phase: LinearMPC(Bicycle(), settings[phase]) for phase in Phase}
-        self._ahead = {
-            Phase.LANE_KEEPING: _ahead(settings[Phase.LANE_KEEPING], KEEPING_SPEED, 0.0),
-            Phase.OVERTAKING: _ahead(settings[Phase.OVERTAKING], OVERTAKING_SPEED, MIN_LATERAL_DISTANCE),
+    def __init__(self, settings: Mapping[DrivePhase, MPCSettings]) -> None:
+        self._mpc = {phase: LinearMPC(Bicycle(), settings[phase]) for phase in DrivePhase}
+        aims = {
+            DrivePhase.LANE_KEEPING: (KEEPING_SPEED, 0.0),
+            DrivePhase.OVERTAKING: (OVERTAKING_SPEED, MIN_LATERAL_DISTANCE),
         }
-        self._phase, self._y_o = Phase.LANE_KEEPING, 0.0
+        self._ahead = {phase: _ahead(settings[phase], *aim) for phase, aim in aims.items()}
+        self._phase, self._y_o = DrivePhase.LANE_KEEPING, 0.0
 
     @property
     def T_s(self) -> float:
         """Return the sampling time [s]."""
-        return self._mpc[Phase.LANE_KEEPING].T_s
+        return self._mpc[DrivePhase.LANE_KEEPING].T_s
 
     @property
-    def phase(self) -> Phase:
+    def phase(self) -> DrivePhase:
         """Return the phase of the last move."""
         return self._phase
 
@@ -92,7 +93,7 @@ class Supervisor:
             self._mpc[phase].forget()
         self._phase = phase
         line = 0.0
-        if phase is Phase.OVERTAKING:
+        if phase is DrivePhase.OVERTAKING:
             near = beside(x_f, obstacles)
             if len(near):  # otherwise keep the last one
                 self._y_o = float(near[:, 1].max())
@@ -152,7 +153,7 @@ STEERING_LIMITS: Mapping[str, Fixed] = {
 
 
 def mpc_settings(
-    theta: Float[np.ndarray, " 5"], phase: Phase, fixed: Fixed = PAPER, space: KnobSpace = SPACE
+    theta: Float[np.ndarray, " 5"], phase: DrivePhase, fixed: Fixed = PAPER, space: KnobSpace = SPACE
 ) -> MPCSettings:
     """Return MPC settings of one phase, θ = (T_s [s], ε_c, N_p, log10 q_u11, log10 q_u22).
 
@@ -162,13 +163,13 @@ def mpc_settings(
     Raises:
         KnobError: If θ has the wrong shape, is NaN, or is outside the box.
     """
-    return _settings(tuple(space.check(theta).tolist()), Phase(phase), fixed)
+    return _settings(tuple(space.check(theta).tolist()), DrivePhase(phase), fixed)
 
 
 @lru_cache(maxsize=64)  # the KPIs of an experiment need those of its controller again
-def _settings(theta: tuple[float, ...], phase: Phase, fixed: Fixed) -> MPCSettings:
+def _settings(theta: tuple[float, ...], phase: DrivePhase, fixed: Fixed) -> MPCSettings:
     T_s, share, N_p, log_q11, log_q22 = theta
-    overtaking = phase is Phase.OVERTAKING
+    overtaking = phase is DrivePhase.OVERTAKING
     low, high = OVERTAKING_SPEEDS if overtaking else KEEPING_SPEEDS
     beside = MIN_LATERAL_DISTANCE if overtaking else -inf
     steering_move = min(fixed.steering_rate * T_s, fixed.steering_move)
@@ -193,7 +194,7 @@ def _settings(theta: tuple[float, ...], phase: Phase, fixed: Fixed) -> MPCSettin
 
 def controller(theta: Float[np.ndarray, " 5"], fixed: Fixed = PAPER, space: KnobSpace = SPACE) -> Supervisor:
     """Create a supervised MPC tuned by θ, shape (5,), physical. Raises like `mpc_settings`."""
-    tuned = {phase: mpc_settings(theta, phase, fixed, space) for phase in Phase}
+    tuned = {phase: mpc_settings(theta, phase, fixed, space) for phase in DrivePhase}
     return Supervisor(tuned)
 
 
@@ -201,4 +202,5 @@ def settings(
     theta: Float[np.ndarray, " 5"], fixed: Fixed = PAPER, space: KnobSpace = SPACE
 ) -> dict[str, Any]:
     """Return the MPC settings as plain data, by name of the phase."""
-    return {p.name.lower().replace("_", " "): mpc_settings(theta, p, fixed, space).named() for p in Phase}
+    names = {phase: phase.name.lower().replace("_", " ") for phase in DrivePhase}
+    return {name: mpc_settings(theta, phase, fixed, space).named() for phase, name in names.items()}

@@ -16,7 +16,7 @@ from prefcal_env.envs.overtake.scene import (
     MIN_LATERAL_DISTANCE,
     OVERTAKING_SPEED,
     ROAD,
-    Phase,
+    DrivePhase,
     distance,
 )
 from prefcal_env.experiments.experiment import Experiment
@@ -32,7 +32,7 @@ _HOME = 0.1  # |y_f| at which the car is back in its lane [m]
 
 
 def phases(experiment: Experiment) -> Int[np.ndarray, " K"]:
-    """Return the phase on `experiment.t`, values of `Phase`, shape (K,)."""
+    """Return the phase on `experiment.t`, values of `DrivePhase`, shape (K,)."""
     return np.asarray(experiment.signals["phase"]).astype(int)
 
 
@@ -76,7 +76,7 @@ def in_lane(experiment: Experiment) -> Bool[np.ndarray, " K"]:
     The way back ends when |y_f| first falls to 0.1 m; a later overshoot counts. If the
     way back does not end, only its last instant counts.
     """
-    keeping = phases(experiment) == Phase.LANE_KEEPING
+    keeping = phases(experiment) == DrivePhase.LANE_KEEPING
     near = np.abs(experiment.x[:, 1]) <= _HOME
     found = keeping.copy()
     for first in np.flatnonzero(keeping & ~np.append(False, keeping[:-1])):
@@ -92,7 +92,7 @@ def moments(experiment: Experiment) -> list[int]:
     back in its lane, or the run ends.
     """
     t, begin, end = experiment.t, 0, len(experiment.t) - 1
-    overtaking = np.flatnonzero(phases(experiment) == Phase.OVERTAKING)
+    overtaking = np.flatnonzero(phases(experiment) == DrivePhase.OVERTAKING)
     if len(overtaking):
         begin, over = int(overtaking[0]), int(overtaking[-1])
         home = np.flatnonzero(np.abs(experiment.x[over:, 1]) <= _HOME)
@@ -159,7 +159,7 @@ def t_comp(experiment: Experiment) -> Float[np.ndarray, " N"]:
     """Return the modeled computation time of each control step [s], shape (N,)."""
     phases = phase_at_control(experiment)
     seconds = np.zeros(len(phases))
-    for phase in Phase:
+    for phase in DrivePhase:
         here = phases == phase
         settings = mpc_settings(experiment.theta, phase)
         seconds[here] = step_times(settings, experiment.iterations[here])
@@ -254,7 +254,7 @@ def _inputs(experiment: Experiment) -> dict[str, float]:
     T_s, (v, angle) = float(experiment.theta[0]), experiment.u_control.T
     a = v**2 * np.sin(2 * angle) / (2 * LENGTH)
     jerk = np.diff(a, prepend=0.0) / T_s
-    overtaking = phase_at_control(experiment) == Phase.OVERTAKING
+    overtaking = phase_at_control(experiment) == DrivePhase.OVERTAKING
     reference = np.where(overtaking, OVERTAKING_SPEED, KEEPING_SPEED)
     steering = np.degrees(angle)
     moves = np.diff(steering, prepend=0.0)
@@ -274,7 +274,7 @@ def _inputs(experiment: Experiment) -> dict[str, float]:
 
 def _overtaking_time(experiment: Experiment) -> float:
     """Return the time from the decision to overtake to the decision to keep the lane again [s]."""
-    overtaking = phase_at_control(experiment) == Phase.OVERTAKING
+    overtaking = phase_at_control(experiment) == DrivePhase.OVERTAKING
     begun = np.flatnonzero(overtaking)
     if len(begun) == 0:
         return inf

@@ -10,7 +10,15 @@ from hypothesis import strategies as st
 
 from prefcal_env.envs.closed_loop import rollout
 from prefcal_env.envs.overtake import Course, Mishap, OvertakeEnv, OvertakeOptions
-from prefcal_env.envs.overtake.scene import DRIVERS, Phase, beside, clearance, gap, next_phase, paper_scene
+from prefcal_env.envs.overtake.scene import (
+    DRIVERS,
+    DrivePhase,
+    beside,
+    clearance,
+    gap,
+    next_phase,
+    paper_scene,
+)
 from prefcal_env.errors import PlantError, ProtocolError, SettingsError
 from prefcal_env.experiments.experiment import End
 from prefcal_env.plants.bicycle import KMH
@@ -211,7 +219,7 @@ def test_an_experiment_has_the_same_indicators(name):
     np.testing.assert_allclose(e.x[::9], BEFORE[f"{name}.x"], rtol=0, atol=1e-9)
 
 
-KEEP, PASS = Phase.LANE_KEEPING, Phase.OVERTAKING
+KEEP, PASS = DrivePhase.LANE_KEEPING, DrivePhase.OVERTAKING
 positions = st.floats(-200, 200)
 
 
@@ -258,7 +266,7 @@ def test_who_drives_in_the_left_lane_is_not_overtaken():
     assert len(beside(20.0, at(30.0, y=4.0))) == 0
 
 
-@given(phase=st.sampled_from(Phase), x_f=positions, x_o=st.lists(positions, max_size=4))
+@given(phase=st.sampled_from(DrivePhase), x_f=positions, x_o=st.lists(positions, max_size=4))
 def test_the_order_of_obstacles_does_not_matter(phase, x_f, x_o):
     assert next_phase(phase, x_f, at(*x_o)) is next_phase(phase, x_f, at(*reversed(x_o)))
 

@@ -11,7 +11,7 @@ import pytest
 from prefcal_app.report.export import jsonable
 from prefcal_env.envs.closed_loop import rollout
 from prefcal_env.envs.overtake import Course
-from prefcal_env.envs.overtake.scene import Phase
+from prefcal_env.envs.overtake.scene import DrivePhase
 from prefcal_env.errors import KnobError, PlantError, ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import End, Experiment, Measurement
 from prefcal_env.mpc import LinearMPC
@@ -228,7 +228,7 @@ def test_it_keeps_the_lane_at_50_kmh_while_nobody_is_near():
     for seen in (see(), see((FAR, 0.0, 11.1))):
         supervisor = controller(TWO_SPEEDS)
         move = supervisor.move(seen)
-        assert supervisor.phase is Phase.LANE_KEEPING
+        assert supervisor.phase is DrivePhase.LANE_KEEPING
         assert move.solved
         np.testing.assert_allclose(move.u, [50 * KMH, 0.0], atol=1e-6)
 
@@ -236,14 +236,14 @@ def test_it_keeps_the_lane_at_50_kmh_while_nobody_is_near():
 def test_it_begins_to_overtake_when_the_obstacle_is_near():
     supervisor = controller(TWO_SPEEDS)
     move = supervisor.move(see((NEAR, 0.0, 11.1)))
-    assert supervisor.phase is Phase.OVERTAKING
+    assert supervisor.phase is DrivePhase.OVERTAKING
     assert move.u[0] > 50 * KMH
     assert move.u[1] == pytest.approx(0.0873 * 0.085)  # to the left, as fast as allowed
 
 
 @pytest.mark.parametrize(
     ("x_o", "phase", "speed", "y"),
-    [(FAR, Phase.LANE_KEEPING, 50 * KMH, 0.0), (NEAR, Phase.OVERTAKING, 60 * KMH, 3.0)],
+    [(FAR, DrivePhase.LANE_KEEPING, 50 * KMH, 0.0), (NEAR, DrivePhase.OVERTAKING, 60 * KMH, 3.0)],
 )
 def test_each_phase_is_the_mpc_of_its_settings_with_x_ref_running_ahead(x_o, phase, speed, y):
     seen = see((x_o, 0.0, 11.1), x=(1.0, 0.7, 0.05), steering=0.02)
@@ -288,7 +288,7 @@ def test_it_keeps_its_distance_until_it_is_past_and_then_keeps_the_lane():
     for x_f in (0.0, 12.0, 26.0, 27.0):
         supervisor.move(see((NEAR, 0.0, 11.1), x=(x_f, 3.0, 0.0)))
         seen.append(supervisor.phase)
-    assert seen == [Phase.OVERTAKING] * 3 + [Phase.LANE_KEEPING]
+    assert seen == [DrivePhase.OVERTAKING] * 3 + [DrivePhase.LANE_KEEPING]
 
 
 @pytest.mark.parametrize("d", [np.zeros(2), np.zeros((1, 3))])
@@ -297,10 +297,10 @@ def test_disturbances_that_are_no_obstacles_are_refused(d):
         controller(TWO_SPEEDS).move(replace(see(), d=d))
 
 
-CAR = mpc_settings(np.array([0.1, 0.4, 12, 0.0, 0.0]), Phase.OVERTAKING)
+CAR = mpc_settings(np.array([0.1, 0.4, 12, 0.0, 0.0]), DrivePhase.OVERTAKING)
 
 
-@pytest.mark.parametrize("phase", Phase)
+@pytest.mark.parametrize("phase", DrivePhase)
 @pytest.mark.parametrize("share", [0.1, 0.4, 1.0])
 def test_sizes_are_those_of_the_problem_that_the_mpc_solves(share, phase):
     settings = mpc_settings(np.array([0.1, share, 12, 0.0, 0.0]), phase)
@@ -321,7 +321,7 @@ def test_the_time_by_hand():
 
 @pytest.mark.parametrize(("share", "N_p"), [(0.5, 12), (0.4, 13)])
 def test_more_of_anything_takes_longer(share, N_p):
-    other = mpc_settings(np.array([0.1, share, N_p, 0.0, 0.0]), Phase.OVERTAKING)
+    other = mpc_settings(np.array([0.1, share, N_p, 0.0, 0.0]), DrivePhase.OVERTAKING)
     assert step_times(other, np.array([9])) > step_times(CAR, np.array([9]))
 
 
