@@ -407,13 +407,13 @@ class Utilities:
 
     def take(self, rows: Int[np.ndarray, " r"]) -> "Utilities":
         """Return the draws in `rows`, shape (r,)."""
-        return Utilities(*(getattr(self, f.name)[rows] for f in fields(self)))
+        return Utilities(*[getattr(self, f.name)[rows] for f in fields(self)])
 
     def where(self, mask: Bool[np.ndarray, " s"], other: "Utilities") -> "Utilities":
         """Return these draws, and those of `other` where `mask` holds, shape (s,)."""
         rows = np.arange(len(self)) + len(self) * mask
         return Utilities(
-            *(np.concatenate([getattr(self, f.name), getattr(other, f.name)])[rows] for f in fields(self))
+            *[np.concatenate([getattr(self, f.name), getattr(other, f.name)])[rows] for f in fields(self)]
         )
 
     def mutate(self, other: "Utilities", rng: np.random.Generator) -> "Utilities":

@@ -1,7 +1,7 @@
 """Show a study as tables of answers, experiments and trajectories with their units."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 from typing import Any, Literal
@@ -175,31 +175,27 @@ def trajectory_of(e: Experiment) -> list[Column]:
     """
     parts, channels = by_maneuver(e), e.channels
     runs = list(parts.values())
-    outputs = [
-        plot
-        for plot in plots_of(channels)
-        if plot.kind == "y" and plot.name not in e.signals
-        if any(np.isfinite(plot.values(run)).any() for run in runs)
-    ]
-    every = range(len(channels.y))
-    aims = [j for j in every if any(np.isfinite(run.reference(j)).any() for run in runs)]
+    measured = [plot for plot in plots_of(channels) if plot.kind == "y" and plot.name not in e.signals]
+    outputs = [plot for plot in measured if any(np.isfinite(plot.values(run)).any() for run in runs)]
+    aims = [j for j in range(len(channels.y)) if any(np.isfinite(r.reference(j)).any() for r in runs)]
     signals = list(dict.fromkeys(key for run in runs for key in run.signals))
-    about = [
-        ("time", "Time since the start of the run", channels.time_unit),
-        *((c.name, "State", c.unit) for c in channels.x),
-        *((c.name, "Input, held from this instant on", c.unit) for c in channels.u),
-        *((plot.channel.name, "Output", plot.channel.unit) for plot in outputs),
-        *((f"Reference of {channels.y[j].name}", _REFERENCE, channels.y[j].unit) for j in aims),
-        *((key, "Signal", "") for key in signals),
-    ]
-    values: list[list[Any]] = [[] for _ in about]
-    for run in runs:
-        curves = [run.t, *run.x.T, *run.u.T, *(plot.values(run) for plot in outputs)]
-        curves += [run.reference(j) for j in aims]
-        curves += [run.signals.get(key, np.full(len(run.t), None)) for key in signals]
-        for column, curve in zip(values, curves, strict=True):
-            column.extend(curve.tolist())
+
+    def curves_of(run: Experiment) -> Iterator[Column]:
+        yield Column("time", "Time since the start of the run", run.t.tolist(), channels.time_unit)
+        for c, x in zip(channels.x, run.x.T, strict=True):
+            yield Column(c.name, "State", x.tolist(), c.unit)
+        for c, u in zip(channels.u, run.u.T, strict=True):
+            yield Column(c.name, "Input, held from this instant on", u.tolist(), c.unit)
+        for plot in outputs:
+            yield Column(plot.channel.name, "Output", plot.values(run).tolist(), plot.channel.unit)
+        for j in aims:
+            c = channels.y[j]
+            yield Column(f"Reference of {c.name}", _REFERENCE, run.reference(j).tolist(), c.unit)
+        for key in signals:  # a maneuver may lack those of another one
+            yield Column(key, "Signal", run.signals.get(key, np.full(len(run.t), None)).tolist())
+
     names = [name for name, run in parts.items() for _ in run.t]
-    first = [Column("maneuver", "Name of the maneuver", names, kind="text")] if any(parts) else []
-    found = [Column(n, m, v, unit) for (n, m, unit), v in zip(about, values, strict=True)]
-    return [*first, *found]
+    found = [Column("maneuver", "Name of the maneuver", names, kind="text")] if any(parts) else []
+    for same in zip(*map(curves_of, runs), strict=True):
+        found.append(replace(same[0], values=[value for column in same for value in column.values]))
+    return found

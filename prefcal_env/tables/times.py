@@ -69,21 +69,17 @@ def _ranks(sheet: Sheet) -> dict[int, int]:
 
 
 def _rank(sheet: Sheet, column: int) -> int | None:
+    """Return how likely a column is the time, from `time` itself down to a mere index; None if it is not."""
     name, unit = parts_of(sheet.headings[column])
     words, spelled = _words(name)
     if words == ["t"]:
-        is_time = units.seconds(unit or "") is not None or (
-            unit is None and name[:1] == "t"
-        )  # T is a temperature
-        return 4 if is_time else None
+        lower = unit is None and name[:1] == "t"  # T is a temperature
+        return 4 if lower or units.seconds(unit or "") is not None else None
     if words in (["time"], ["time", "string"]):
         return 0 if spelled is None else 1
-    core = set(words) & {*_TIMES.split()}
-    if (
-        (core and set(words) <= {*_TIMES.split(), *_BESIDE.split()})
-        or " ".join(words) in _PHRASES
-        or name == "ts"
-    ):
+    times, beside = {*_TIMES.split()}, {*_BESIDE.split()}
+    is_time = bool(times & {*words}) and {*words} <= times | beside
+    if is_time or " ".join(words) in _PHRASES or name == "ts":
         return 2
     if words == ["date"] or (not words and spelled is not None):
         return 3
@@ -183,19 +179,14 @@ def _of_numbers(sheet: Sheet, column: int, wanted: str, given: str | None, said:
     if bracketed and units.seconds(bracketed) is not None:
         bracketed = units.plain(bracketed)
     words, spelled = _words(name)
-    counted = None if bracketed or spelled else _counted(found)
-    if counted is not None and given in ("ns", "us", "ms"):
-        counted = None  # it may be the time since a start
-    source, doubted = bracketed or spelled or counted or given or "s", False
-    if not (bracketed or spelled or counted) and source == "s":  # who wants seconds may have others
+    stated = bracketed or spelled
+    # Whoever asks for a finer unit than seconds may have the time since a start.
+    counted = None if stated or given in ("ns", "us", "ms") else _counted(found)
+    source, doubted = stated or counted or given or "s", False
+    if not (stated or counted) and source == "s":  # who wants seconds may have others
         doubted = _doubt(name, found, plain=words in (["time"], ["t"], ["index"], [])) and given is None
     _check_order(sheet, found, source)
-    if source == wanted:
-        t = found
-    else:
-        # Dividing keeps 1760000000500 ms exactly half a second after 1760000000000 ms.
-        scale = _seconds(wanted) / _seconds(source)
-        t = found / scale if scale > 1 else found * (_seconds(source) / _seconds(wanted))
+    t = found if source == wanted else _convert(found, _seconds(source), _seconds(wanted))
     length = units.seconds(source) or 0.0
     if length >= 1 and len(t) and np.abs(found).max() * length > _AGES:
         raise RecordError(
@@ -204,6 +195,12 @@ def _of_numbers(sheet: Sheet, column: int, wanted: str, given: str | None, said:
         )
     read = source if not bracketed and (source != wanted or doubted) else ""
     return Instants(t, wanted, read, stamped=counted is not None)
+
+
+def _convert(t: Float[np.ndarray, " K"], source: float, wanted: float) -> Float[np.ndarray, " K"]:
+    """Return times in units of `source` seconds in units of `wanted` seconds."""
+    # Dividing keeps 1760000000500 ms exactly half a second after 1760000000000 ms.
+    return t / (wanted / source) if wanted > source else t * (source / wanted)
 
 
 _AGES = 1e11  # 3,000 years in seconds

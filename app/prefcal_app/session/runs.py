@@ -205,21 +205,26 @@ def due(driver: Driver, *, ahead: bool) -> Job[Any] | None:
     if phase is Phase.RUNNING:
         if study.must_think:
             return Think(driver)
-        if not study.proposed or study.pending is None:
-            driver.proceed()  # a proposal takes up to a second, for which the lock is held
-            return None
-        return _run(driver, study.pending) if driver.at_once == 1 else _run_another(driver)
+        if study.proposed and study.pending is not None:
+            return _run(driver, study.pending) if driver.at_once == 1 else _run_another(driver)
+        driver.proceed()  # a proposal takes up to a second, for which the lock is held
+        return None
     if phase is Phase.OVER:
         return Say(driver) if is_unsaid(driver) else None
-    if phase is Phase.QUESTION and driver.memory.is_due(driver.agent):
+    if phase is Phase.QUESTION:
+        return _due_while_asking(driver, ahead=ahead)
+    return _run_another(driver) if driver.at_once > 1 else None
+
+
+def _due_while_asking(driver: Driver, *, ahead: bool) -> Job[Any] | None:
+    """Return what to do while a person looks at a question: nobody waits for it."""
+    if driver.memory.is_due(driver.agent):
         return Keep(driver)
-    if phase is Phase.QUESTION and is_unexplained(driver):
+    if is_unexplained(driver):
         return Say(driver)
     if driver.at_once > 1:
         return _run_another(driver)
-    if phase is not Phase.QUESTION:
-        return None
-    looking = _look_ahead(driver) if ahead and not underway.source.asks else None
+    looking = _look_ahead(driver) if ahead and not driver.underway.source.asks else None
     return Say(driver) if looking is None and is_unsaid(driver) else looking
 
 
