@@ -17,9 +17,9 @@ from starlette.responses import Response
 from starlette.routing import Route
 
 from prefcal_app.summary import Spread, compared
-from prefcal_app.web.api import Pages, Reports, as_json, digits, encoded, error_response, read_query, refused
+from prefcal_app.web.api import Pages, Reports, as_json, digits, error_response, explain, read_query, to_json
 from prefcal_app.web.security import Assets, Hosts
-from prefcal_app.web.serve import Site, guarded
+from prefcal_app.web.serve import Site, guard
 from prefcal_env.errors import ExperimentError, RecordError
 from prefcal_env.experiments.experiment import End, Experiment, table_of
 from prefcal_env.experiments.panels import Plot, named
@@ -56,7 +56,7 @@ class LookWindow(Site):
     ) -> None:
         def make(*, token: str, port: int, hosts: Hosts) -> Starlette:
             pages = Pages(Assets(), Reports(), token, port, "look.html")
-            return guarded(pages, _routes(runs, align), hosts)
+            return guard(pages, _routes(runs, align), hosts)
 
         super().__init__(make, host=host, port=port)
 
@@ -64,10 +64,10 @@ class LookWindow(Site):
 def _routes(runs: Sequence[NamedRun], align: bool | None) -> list[Route]:
     @lru_cache(_KEPT)
     def pair(left: int, right: int) -> bytes:
-        return encoded(aligned_view(*aligned(runs[left], runs[right], align=align)))
+        return to_json(aligned_view(*aligned(runs[left], runs[right], align=align)))
 
     def listed(query: bytes) -> bytes:
-        return encoded({"runs": [{"name": run.name, "about": run.about} for run in runs]})
+        return to_json({"runs": [{"name": run.name, "about": run.about} for run in runs]})
 
     def chosen(query: bytes) -> bytes:
         places = read_query(query, {"left": digits, "right": digits})
@@ -86,7 +86,7 @@ def _endpoint(view: Callable[[bytes], bytes]) -> Callable[[Request], Awaitable[R
         except HTTPException:
             raise
         except Exception as error:
-            return error_response(*refused(error))
+            return error_response(*explain(error))
 
     return answer
 

@@ -112,7 +112,7 @@ def read_query(query: bytes, fields: Mapping[str, Check]) -> dict[str, Any]:
     return {name: fields[name](name, value) for name, value in found.items()}
 
 
-def _matching(pattern: str, read: Callable[[str], Any], words: str) -> Check:
+def _match(pattern: str, read: Callable[[str], Any], words: str) -> Check:
     """Return a check of what is written in an address; `words` say what it must be."""
 
     def check(name: str, value: str) -> Any:
@@ -123,9 +123,9 @@ def _matching(pattern: str, read: Callable[[str], Any], words: str) -> Check:
     return check
 
 
-digits = _matching("[0-9]{1,15}", int, "a whole number, 0 or more")
-number_of_answer = _matching("-?[1-9][0-9]{0,14}", int, "a whole number other than 0")
-bit = _matching("[01]", lambda text: text == "1", "0 or 1")
+digits = _match("[0-9]{1,15}", int, "a whole number, 0 or more")
+number_of_answer = _match("-?[1-9][0-9]{0,14}", int, "a whole number other than 0")
+bit = _match("[01]", lambda text: text == "1", "0 or 1")
 
 
 def numbers(name: str, value: str) -> tuple[float, ...]:
@@ -154,7 +154,7 @@ _KINDS: tuple[tuple[type[Exception], int, str], ...] = (
 _WORDS = {404: "There is nothing at this address.", 405: "This address does not accept that kind of request."}
 
 
-def encoded(view: Any) -> bytes:
+def to_json(view: Any) -> bytes:
     """Return JSON in UTF-8; NaN and infinite numbers become null."""
     return msgspec.json.encode(view, enc_hook=lambda number: number.item())
 
@@ -170,7 +170,7 @@ def error_response(status: int, error: str, kind: str, now: bytes = b"null") -> 
     return as_json(head + b', "now": ' + now + b"}", status)
 
 
-def refused(error: Exception) -> tuple[int, str, str]:
+def explain(error: Exception) -> tuple[int, str, str]:
     """Return status, sentence and kind of an error.
 
     Any error that is not one of prefcal's own is a bug: it is logged and reported to the person.
@@ -354,7 +354,7 @@ class Verifying:
         try:
             report.write.verify_best(folder / verification.result.BEST, progress=self._progress)
         except Exception as error:
-            _, self._problem, _ = refused(error)
+            _, self._problem, _ = explain(error)
         except SystemExit as error:
             self._problem = f"the code of the scenario called exit: {error}"
 
@@ -459,8 +459,8 @@ class Api:
             except HTTPException:
                 raise
             except Exception as error:
-                status, words, kind = refused(error)
-                return error_response(status, words, kind, await self._stand(request, error))
+                status, words, kind = explain(error)
+                return error_response(status, words, kind, await self._now_if_stale(request, error))
 
         return handler
 
@@ -470,11 +470,11 @@ class Api:
         after = query.get("after")
         self.seen(after is not None)
         if after is not None and (await run_in_threadpool(self.interview.now)).version == after:
-            await self._change(after, self.patience.poll)
+            await self._wait_for_change(after, self.patience.poll)
             self.seen(True)
-        return await self._shown(query)
+        return await self._show_now(query)
 
-    async def asked(self, request: Request) -> Response:
+    async def show_answered(self, request: Request) -> Response:
         """Return an answered question as it was shown."""
         query = _query(request, _BLIND)
         try:
@@ -493,56 +493,56 @@ class Api:
         query = _query(request, {"theta": numbers, **_BLIND})
         if "theta" not in query:
             raise MalformedError("The request does not say which θ to look at.")
-        return await _seen(partial(look_view, self.interview, query["theta"]))
+        return await _respond(partial(look_view, self.interview, query["theta"]))
 
     async def act(self, request: Request, name: str) -> Response:
         """Do the action `name`, whose fields are the JSON body."""
         query = _query(request, _BLIND)
-        return await self._done(query, await _body(request, SENT[name]))
+        return await self._do(query, await _body(request, SENT[name]))
 
     async def record(self, request: Request) -> Response:
         """Save the record of an experiment that the person ran."""
-        return await self._done(*await _record(request))
+        return await self._do(*await _record(request))
 
     async def preview(self, request: Request) -> Response:
         """Return what would be saved of a record, with its curves."""
         _, record = await _record(request)
-        return await _seen(partial(preview_view, self.interview, record))
+        return await _respond(partial(preview_view, self.interview, record))
 
-    async def seen_of(self, request: Request, view: Callable[[], Any]) -> Response:
+    async def get_view(self, request: Request, view: Callable[[], Any]) -> Response:
         """Return what a function returns that is no branch of the interview's view."""
         _query(request, _BLIND)
-        return await _seen(view)
+        return await _respond(view)
 
-    async def done_of(
+    async def call(
         self, request: Request, do: Callable[..., None], kind: type[Struct], view: Callable[[], Any]
     ) -> Response:
         """Call a function with a body of this kind, and return what `view` returns then."""
         await run_in_threadpool(partial(do, **msgspec.structs.asdict(await _body(request, kind))))
-        return await self.seen_of(request, view)
+        return await self.get_view(request, view)
 
     async def close(self, request: Request) -> Response:
         """Close the window after sending this response."""
         query = _query(request, _BLIND)
         await _body(request, Nothing)
-        response = await self._shown(query)
+        response = await self._show_now(query)
         response.background = BackgroundTask(self.closed.set)
         return response
 
-    async def _stand(self, request: Request, error: Exception) -> bytes:
+    async def _now_if_stale(self, request: Request, error: Exception) -> bytes:
         """Return NOW if the request was stale, null after any other error."""
         if not isinstance(error, StaleError):
             return b"null"
         try:
-            return bytes((await self._shown(_query(request, _RECORD))).body)
+            return bytes((await self._show_now(_query(request, _RECORD))).body)
         except Exception as second:
-            refused(second)
+            explain(second)
             return b"null"
 
-    async def _shown(self, query: dict[str, Any]) -> Response:
-        return as_json(await run_in_threadpool(self._shown_now, query.get("blind", False)))
+    async def _show_now(self, query: dict[str, Any]) -> Response:
+        return as_json(await run_in_threadpool(self._now_as_json, query.get("blind", False)))
 
-    def _shown_now(self, blind: bool) -> bytes:
+    def _now_as_json(self, blind: bool) -> bytes:
         """Return NOW, made once per version: an answer must not wait for other tabs."""
         report = self.reports.folder
         view = partial(
@@ -556,34 +556,34 @@ class Api:
             seen=self._seen,
         )
         with self._lock:
-            return self._once(blind, (self.interview.now().version, report), view)
+            return self._make_once(blind, (self.interview.now().version, report), view)
 
     def _view(self, name: str) -> bytes:
         with self._drawing:
-            return self._once(name, self.interview.now().version, partial(VIEWS[name], self.interview))
+            return self._make_once(name, self.interview.now().version, partial(VIEWS[name], self.interview))
 
     def _asked(self, answer: int, blind: bool) -> bytes:
         with self._lock:  # all threads share `_seen`
             view = asked_view(self.interview, answer, blind=blind, seen=self._seen)
-        return encoded(view)
+        return to_json(view)
 
-    def _once(self, name: object, key: object, view: Callable[[], Any]) -> bytes:
+    def _make_once(self, name: object, key: object, view: Callable[[], Any]) -> bytes:
         """Return a view as JSON, made again only if `key` has changed."""
         kept = self._kept.get(name)
         if kept is None or kept[0] != key:
-            kept = self._kept[name] = (key, encoded(view()))
+            kept = self._kept[name] = (key, to_json(view()))
         return kept[1]
 
-    async def _done(self, query: dict[str, Any], action: actions.Action) -> Response:
+    async def _do(self, query: dict[str, Any], action: actions.Action) -> Response:
         """Take an action, then return the next question if it is ready soon."""
         now = await run_in_threadpool(self.interview.do, action)
         end = anyio.current_time() + self.patience.after_answer
         while now.phase is Phase.RUNNING and anyio.current_time() < end:
-            await self._change(now.version, end - anyio.current_time())
+            await self._wait_for_change(now.version, end - anyio.current_time())
             now = await run_in_threadpool(self.interview.now)
-        return await self._shown(query)
+        return await self._show_now(query)
 
-    async def _change(self, version: int, timeout: float) -> None:
+    async def _wait_for_change(self, version: int, timeout: float) -> None:
         """Return when the version differs from `version` or the report is there, or after `timeout` s."""
         report, end = self.reports.folder, anyio.current_time() + timeout
         while self.reports.folder is report and not self.stopping.is_set():
@@ -596,8 +596,8 @@ class Api:
             await anyio.sleep(_PAUSE)
 
 
-async def _seen(view: Callable[[], Any]) -> Response:
-    return as_json(await run_in_threadpool(lambda: encoded(view())))
+async def _respond(view: Callable[[], Any]) -> Response:
+    return as_json(await run_in_threadpool(lambda: to_json(view())))
 
 
 def _query(request: Request, fields: dict[str, Any]) -> dict[str, Any]:
@@ -605,7 +605,7 @@ def _query(request: Request, fields: dict[str, Any]) -> dict[str, Any]:
 
 
 async def _body(request: Request, kind: type[Body]) -> Body:
-    if not _sent_as(request, "application/json"):
+    if not _has_type(request, "application/json"):
         raise HTTPException(415, "The request must be JSON.")
     return read_json(await request.body(), kind)
 
@@ -613,7 +613,7 @@ async def _body(request: Request, kind: type[Body]) -> Body:
 async def _record(request: Request) -> tuple[dict[str, Any], actions.Record]:
     """Return the parameters and the record of a request that contains a record."""
     query = _query(request, _RECORD)
-    if not _sent_as(request, "text/csv"):
+    if not _has_type(request, "text/csv"):
         raise HTTPException(415, "The record must be a CSV, Parquet or Excel file, sent as text/csv.")
     if "index" not in query:
         raise MalformedError("The request does not say which experiment the record belongs to.")
@@ -621,5 +621,5 @@ async def _record(request: Request) -> tuple[dict[str, Any], actions.Record]:
     return query, actions.Record(query["index"], await request.body(), unsafe, query.get("theta"), again)
 
 
-def _sent_as(request: Request, media_type: str) -> bool:
+def _has_type(request: Request, media_type: str) -> bool:
     return request.headers.get("content-type", "").partition(";")[0].strip().lower() == media_type

@@ -191,11 +191,11 @@ def make_app(
         verifying: What verifies the result; one of its own if None.
     """
     pages = Pages(Assets(static), api.reports, token, port)
-    routes = _of_api(api, verifying or Verifying(api.reports))
-    return guarded(pages, routes, hosts or Hosts.of("127.0.0.1", port), framed=framed)
+    routes = _api_routes(api, verifying or Verifying(api.reports))
+    return guard(pages, routes, hosts or Hosts.of("127.0.0.1", port), framed=framed)
 
 
-def guarded(pages: Pages, api: list[Route], hosts: Hosts, *, framed: bool = False) -> Starlette:
+def guard(pages: Pages, api: list[Route], hosts: Hosts, *, framed: bool = False) -> Starlette:
     """Return an application that serves pages and an API only to who has the secret link.
 
     Args:
@@ -224,8 +224,8 @@ def guarded(pages: Pages, api: list[Route], hosts: Hosts, *, framed: bool = Fals
     return app
 
 
-def _of_api(api: Api, verifying: Verifying) -> list[Route]:
-    gets = {"now": api.now, "history/{answer}": api.asked, "look": api.look}
+def _api_routes(api: Api, verifying: Verifying) -> list[Route]:
+    gets = {"now": api.now, "history/{answer}": api.show_answered, "look": api.look}
     verify = {
         "verify": (verifying.start, Nothing),
         "stop_verifying": (verifying.stop, Nothing),
@@ -235,9 +235,9 @@ def _of_api(api: Api, verifying: Verifying) -> list[Route]:
     return [
         *(Route(f"/api/{name}", api.answering(do)) for name, do in gets.items()),
         *(Route(f"/api/{name}", api.answering(api.show, name)) for name in VIEWS),
-        Route("/api/verification", api.answering(api.seen_of, verifying.view)),
+        Route("/api/verification", api.answering(api.get_view, verifying.view)),
         *(
-            Route(f"/api/{name}", api.answering(api.done_of, *how, verifying.view), methods=["POST"])
+            Route(f"/api/{name}", api.answering(api.call, *how, verifying.view), methods=["POST"])
             for name, how in verify.items()
         ),
         *(Route(f"/api/{name}", api.answering(do), methods=["POST"]) for name, do in posts.items()),
