@@ -406,7 +406,7 @@ def _check_name(name: object) -> None:
         raise KnobError(f"a constraint needs a name, got {name!r}")
 
 
-def checked(constraints: object, names: tuple[str, ...]) -> tuple[AnyConstraint, ...]:
+def check_constraints(constraints: object, names: tuple[str, ...]) -> tuple[AnyConstraint, ...]:
     """Return `constraints` as a tuple. Raises KnobError if they do not fit the knobs `names`."""
     if isinstance(constraints, str) or not isinstance(constraints, Iterable):
         raise KnobError(f"constraints must be a sequence of constraints, got {constraints!r}")
@@ -472,7 +472,7 @@ class KnobSpace:
         duplicates = {n for n in self.names if self.names.count(n) > 1}
         if duplicates:
             raise KnobError(f"knob names must differ, got {sorted(duplicates)} more than once")
-        object.__setattr__(self, "constraints", checked(constraints, self.names))
+        object.__setattr__(self, "constraints", check_constraints(constraints, self.names))
         object.__setattr__(self, "within", _parts(self.knobs, within or {}))
         corners = tuple(self.encode(np.array(each)) for each in zip(*self.within, strict=True))
         for corner in corners:
@@ -800,7 +800,7 @@ def respaced(old: KnobSpace, new: KnobSpace, added: Mapping[str, float] | None =
     knobs = [
         _wider(knob, before[knob.name])
         if knob.name in before
-        else _including(knob, added[knob.name], added[knob.name])
+        else _include(knob, added[knob.name], added[knob.name])
         for knob in new
     ]
     # The box grows so that old θ keep their place; only what is searched is the new range.
@@ -808,7 +808,7 @@ def respaced(old: KnobSpace, new: KnobSpace, added: Mapping[str, float] | None =
     return KnobSpace(knobs, new.constraints, within=within)
 
 
-def carried(
+def carry(
     theta: Float[np.ndarray, " m"], old: KnobSpace, new: KnobSpace, added: Mapping[str, float] | None = None
 ) -> Float[np.ndarray, " n"]:
     """Return a physical θ of `old`, shape (m,), as a θ of `new`, shape (n,), with `added` values.
@@ -831,8 +831,8 @@ def _wider(new: Knob, old: Knob) -> Knob:
             f"knob {new.name!r} must keep its unit, scale and kind {was}, got {kind}: "
             "give the new knob another name"
         )
-    return _including(new, old.low, old.high)
+    return _include(new, old.low, old.high)
 
 
-def _including(knob: Knob, low: float, high: float) -> Knob:
+def _include(knob: Knob, low: float, high: float) -> Knob:
     return replace(knob, low=min(knob.low, low), high=max(knob.high, high))

@@ -82,7 +82,7 @@ def last_own(frames: traceback.StackSummary) -> str:
     return f"{Path(own[-1].filename).name}:{own[-1].lineno}{source}"
 
 
-def located(error: Exception) -> Exception:
+def locate(error: Exception) -> Exception:
     """Return `error` with a note of its line; noted now, since the file may change later."""
     line = own_line(error)
     if line and not getattr(error, "__notes__", None):
@@ -91,7 +91,7 @@ def located(error: Exception) -> Exception:
 
 
 def as_exception(error: BaseException, what: str = "run") -> Exception:
-    """Return what the user's code raised as an exception that is `located`.
+    """Return what the user's code raised as an exception with its line, see `locate`.
 
     Anything else, such as SystemExit, would end the thread or the process that handles it.
 
@@ -100,14 +100,14 @@ def as_exception(error: BaseException, what: str = "run") -> Exception:
         what: Name of the code for messages.
     """
     if isinstance(error, Exception):
-        return located(error)
+        return locate(error)
     did = "called exit" if isinstance(error, SystemExit) else f"raised {type(error).__name__}"
     known = ScenarioError(f"{what} {did}: {_text(error)}".removesuffix(": "))
-    return located(known.with_traceback(error.__traceback__))
+    return locate(known.with_traceback(error.__traceback__))
 
 
 def in_words(error: BaseException) -> str:
-    """Return an error as one text for people, with the line that `located` found, if any.
+    """Return an error as one text for people, with the line that `locate` found, if any.
 
     Errors of prefcal are shown as they are; others are prefixed with the name of their type.
     """

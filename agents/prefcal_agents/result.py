@@ -72,7 +72,7 @@ class DrawPool:
         Raises:
             KeyError: If a sample is not in the bank.
         """
-        utilities = _joined([limited(scale, draws) for _, draws in given])
+        utilities = _joined([limit(scale, draws) for _, draws in given])
         shown = np.array([bank.find(sample.theta) for sample in given[-1][0].samples], dtype=np.int64)
         levels = utilities.levels(scale(bank, shown.tolist()))
         costs = utilities.costs(logs[shown])
@@ -109,7 +109,7 @@ class DrawPool:
         return self.utilities.take(np.searchsorted(shares, places))
 
 
-def limited(scale: Scale, utilities: Utilities) -> Utilities:
+def limit(scale: Scale, utilities: Utilities) -> Utilities:
     """Return draws by the limits of a scale, whose good values may be better than when drawn."""
     limits = np.where(np.isfinite(utilities.limits), scale.limits, np.inf)
     return replace(utilities, limits=limits)
@@ -165,7 +165,7 @@ def influences(pool: DrawPool, history: History) -> tuple[Influence, ...]:
         if not comparison.teaches or not comparison.answer.preference:
             continue
         # Against the record without it: the answer itself must not vouch for itself.
-        rest, other_way = history.retracted(index), turned(history, index)
+        rest, other_way = history.retracted(index), turn(history, index)
         likely = np.exp(pool.log_likelihood(other_way) - pool.log_likelihood(rest))
         other, sure = _result(pool, other_way)
         found.append(Influence(index, other, float(pool.weights(rest) @ likely), sure))
@@ -199,7 +199,7 @@ def stakes(pool: DrawPool, history: History, incumbent: int) -> float:
     return other / total  # below 1 where something was unsafe, which each new experiment is better than
 
 
-def turned(history: History, index: int) -> History:
+def turn(history: History, index: int) -> History:
     """Return the record as if the other side had been preferred in comparison `index`."""
     given = history.comparisons[index]
     preference = Preference(-int(given.answer.preference or 0))
@@ -269,7 +269,7 @@ def others(
     return tuple(menu[1:])
 
 
-def unbeaten(kpis: Float[np.ndarray, "m k"], usable: Bool[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:
+def find_unbeaten(kpis: Float[np.ndarray, "m k"], usable: Bool[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:
     """Return which usable rows have no other one that is better in a KPI and in none worse, shape (m,).
 
     Args:
@@ -283,7 +283,7 @@ def unbeaten(kpis: Float[np.ndarray, "m k"], usable: Bool[np.ndarray, " m"]) -> 
     return found
 
 
-def between(
+def rows_between(
     kpis: Float[np.ndarray, "m k"], stops: Bool[np.ndarray, " m"], one: int, other: int
 ) -> tuple[int, ...]:
     """Return rows on the way from row `one` to row `other`, both included, in this order.
@@ -293,7 +293,7 @@ def between(
 
     Args:
         kpis: KPIs, lower is better, shape (m, k).
-        stops: Candidates that may lie between, such as those that are `unbeaten`, shape (m,).
+        stops: Candidates that may lie between, such as those that `find_unbeaten` returns, shape (m,).
         one: Row where it begins.
         other: Row where it ends.
     """

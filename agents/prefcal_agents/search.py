@@ -224,10 +224,10 @@ def latin_hypercube(space: KnobSpace, count: int, seed: int) -> Float[np.ndarray
     within = rng.uniform(size=(count, len(space)))
     strata = np.array([rng.permutation(count) for _ in range(len(space))]).T
     points = space.scaled((strata + 1 - within) / count)
-    return _moved_inside(points, space, seed) if space.constraints else points
+    return _move_inside(points, space, seed) if space.constraints else points
 
 
-def _moved_inside(points: Float[np.ndarray, "N n"], space: KnobSpace, seed: int) -> Float[np.ndarray, "N n"]:
+def _move_inside(points: Float[np.ndarray, "N n"], space: KnobSpace, seed: int) -> Float[np.ndarray, "N n"]:
     """Replace each point that the constraints refuse by an allowed one far from all others."""
     region = Region(space)
     refused = np.flatnonzero(~region.allows(points))
@@ -722,7 +722,7 @@ def unsafe_penalty(history: History, weight: float, least_safe: float) -> Penalt
     return Penalty(SafetyModel.of(marks.samples, ~marks.unsafe), least, weight)
 
 
-def replaced(
+def replace_unsafe(
     planned: Float[np.ndarray, " n"],
     others: Float[np.ndarray, "m n"],
     pool: Float[np.ndarray, "k n"],

@@ -139,10 +139,10 @@ def respaced(
         state = replace(state, history=replace(state.history, samples=kept))
     if simulate is None and space.names == agent.space.names:
         simulate = getattr(agent, "simulate", None)
-    return restore(space, moved(state, agent.space, space, added), simulate=simulate)
+    return restore(space, move(state, agent.space, space, added), simulate=simulate)
 
 
-def moved(
+def move(
     state: AgentState, old: KnobSpace, new: KnobSpace, added: Mapping[str, float] | None = None
 ) -> AgentState:
     """Return `state`, of an agent in the space `old`, for the space `new`.

@@ -51,7 +51,7 @@ class Spread:
         return float(high - low) or float(np.ptp(known)) or max(abs(v) for v in values)
 
 
-def compared(
+def compare(
     left: Experiment, right: Experiment, known: Sequence[KPI], spread: Spread
 ) -> list[dict[str, Any]]:
     """Return a row for each KPI that either side has, what tells them apart first in each group.

@@ -36,7 +36,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.agent import Start, one_thread
-from prefcal_agents.result import decisive, turned
+from prefcal_agents.result import decisive, turn
 from prefcal_agents.screening.agent import Screening
 from prefcal_agents.screening.findings import Findings, findings
 from prefcal_bench.cells.simulation import Simulation
@@ -138,7 +138,7 @@ class ToldStudy:
         if named is None:
             return None
         agent = self.agent.copy()
-        agent.history = turned(history, named.answer)
+        agent.history = turn(history, named.answer)
         return {"predicted": named.reversed, "found": agent.best_index, "now": best, "sure": named.sure}
 
     def _menu(self, said: Findings, runs: Runs, best: int) -> Row:

@@ -11,7 +11,7 @@ from prefcal_env.errors import PlantError
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.plants.jacobians import D, Jacobians, States, Times, U, X, Y
 from prefcal_env.plants.plant import Disturbed, Plant
-from prefcal_env.plants.systems import DEAD_TIMES, LinearPlant, scaled_times
+from prefcal_env.plants.systems import DEAD_TIMES, LinearPlant, scale_times
 from prefcal_env.sources.varied import CHANGE, LEAST, NARROWER, NOT_NEGATIVE, SIZE, Factor, Values
 
 from .plant_env import dead_times
@@ -121,7 +121,7 @@ def _parameter(name: str, value: float = 1.0) -> Factor:
 
 def varied_plant(plant: Plant, values: Values, later: float = 1.0) -> Disturbed:
     """Return a plant with other parameters and ranges of its inputs, and `later` times its dead time."""
-    inputs = tuple(_narrowed(c, values.get(_range(c), 1.0)) for c in plant.inputs)
+    inputs = tuple(_narrow(c, values.get(_range(c), 1.0)) for c in plant.inputs)
     if isinstance(plant, Disturbed):
         return plant.around(_changed(plant.plant, values, later), inputs)
     return Disturbed(_changed(plant, values, later), inputs=inputs)
@@ -155,7 +155,7 @@ class Scaled:
         if name.startswith("__") or name in ("plant", "later"):
             raise AttributeError(name)
         found = getattr(self.plant, name)
-        return scaled_times(found, self.later) if name in DEAD_TIMES else found
+        return scale_times(found, self.later) if name in DEAD_TIMES else found
 
     def f(self, x: X, u: U, d: D) -> X:
         """Return the state derivative."""
@@ -185,7 +185,7 @@ def _matrices(plant: Plant) -> tuple[np.ndarray, np.ndarray] | None:
     return getattr(plant, "named_matrices", None)
 
 
-def _narrowed(c: Channel, share: float) -> Channel:
+def _narrow(c: Channel, share: float) -> Channel:
     """Return an input that has only a share of its range, around its middle."""
     if share == 1.0:
         return c

@@ -261,7 +261,7 @@ class Response:
     def settling_time(self, event: RunEvent) -> float:
         """Return the time from the event until the error stays in the band; infinite for never."""
         rows = slice(event.first, event.end)
-        return entered(self.t[rows], self.smooth[rows], event.band) - float(self.t[event.first])
+        return entry_time(self.t[rows], self.smooth[rows], event.band) - float(self.t[event.first])
 
     def lag(self, event: RunEvent) -> float:
         """Return by which time the output trails a ramp of its reference, at the end of the ramp."""
@@ -295,7 +295,7 @@ def _area(left: Curve, right: Curve) -> Curve:
     return np.asarray(np.where(left * right >= 0, a + b, (a**2 + b**2) / total) / 2)
 
 
-def entered(t: Curve, error: Curve, band: float) -> float:
+def entry_time(t: Curve, error: Curve, band: float) -> float:
     """Return the instant of the last entry of an error into the band; infinite for never."""
     outside = np.flatnonzero(np.abs(error) > band * (1 + 1e-9))  # 29.7 is within 0.3 of 30
     last = int(outside[-1]) if len(outside) else -1

@@ -343,7 +343,7 @@ class Experiment:
             ExperimentError: If `kpis` is not a mapping from names to numbers, or returns none.
         """
         other = copy(self)
-        found = computed(kpis, self) if callable(kpis) else kpis
+        found = compute(kpis, self) if callable(kpis) else kpis
         object.__setattr__(other, "kpis", _checked_kpis(found))
         return other
 
@@ -443,7 +443,7 @@ def _mapping(name: str, value: object) -> Mapping[str, Any]:
     return value
 
 
-def computed(kpis: KPIs, experiment: Experiment) -> Mapping[str, float]:
+def compute(kpis: KPIs, experiment: Experiment) -> Mapping[str, float]:
     """Return `kpis(experiment)`. Raises ExperimentError if it is not a mapping."""
     found: object = kpis(experiment)
     if not isinstance(found, Mapping):
@@ -455,7 +455,7 @@ def computed(kpis: KPIs, experiment: Experiment) -> Mapping[str, float]:
     return found
 
 
-def returned(result: object) -> Experiment:
+def check_returned(result: object) -> Experiment:
     """Return what a run returned if it is an experiment.
 
     Raises:

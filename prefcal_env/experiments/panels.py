@@ -59,7 +59,7 @@ class PanelCurves(NamedTuple):
     high: Float[np.ndarray, " K"] | None
 
 
-def drawn(plots: Iterable[Plot], experiment: Experiment) -> list[PanelCurves]:
+def panel_curves(plots: Iterable[Plot], experiment: Experiment) -> list[PanelCurves]:
     """Return all that is drawn of an experiment, for each of its plots."""
     return [PanelCurves(plot.values(experiment), *plot.beside(experiment)) for plot in plots]
 

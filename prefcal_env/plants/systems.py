@@ -402,10 +402,10 @@ DEAD_TIMES = ("input_delay", "output_delay", "entry_delay")
 """Attributes of a plant that hold its dead times."""
 
 
-def scaled_times(times: Any, factor: float, step: float = 0.0) -> Any:
+def scale_times(times: Any, factor: float, step: float = 0.0) -> Any:
     """Return dead times, or rows of them, times a factor; multiples of `step` if it is not 0."""
     if isinstance(times, tuple | list):
-        return tuple(scaled_times(each, factor, step) for each in times)
+        return tuple(scale_times(each, factor, step) for each in times)
     return step * round(factor * times / step) if step else factor * times
 
 
@@ -546,7 +546,7 @@ class LinearPlant:
         acting = np.append(gains, np.ones(len(self.disturbances)))
         made.system = replace(system, A=system.A * rows, B=system.B * rows * acting, D=system.D * acting)
         for name in DEAD_TIMES:
-            setattr(made, name, scaled_times(getattr(self, name), later, self.sample_time))
+            setattr(made, name, scale_times(getattr(self, name), later, self.sample_time))
         made._kept = {}
         made.__dict__.pop("_rates", None)
         return made

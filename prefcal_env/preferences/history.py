@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from prefcal_env.errors import ProtocolError
-from prefcal_env.knobs import KnobSpace, carried
+from prefcal_env.knobs import KnobSpace, carry
 from prefcal_env.plain import digest
 
 from .answer import Answer, Mark, Outcome, Preference
@@ -210,7 +210,7 @@ class Sample:
         """
         if old.knobs == new.knobs:
             return self
-        theta = carried(np.array(self.theta), old, new, added)
+        theta = carry(np.array(self.theta), old, new, added)
         return Sample(tuple(map(float, new.encode(theta))), tuple(map(float, theta)), self.after)
 
 

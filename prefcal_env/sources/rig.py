@@ -14,9 +14,9 @@ from jaxtyping import Float
 
 from prefcal_env import units
 from prefcal_env.errors import RecordError, ScenarioError, SettingsError
-from prefcal_env.experiments.experiment import Channel, Channels, End, Experiment, computed
+from prefcal_env.experiments.experiment import Channel, Channels, End, Experiment, compute
 from prefcal_env.tables import historian, times
-from prefcal_env.tables.recorded import bridged
+from prefcal_env.tables.recorded import bridge
 from prefcal_env.tables.sheet import Sheet, Table, parts_of, sheet_of
 from prefcal_env.wording import and_more, labeled
 
@@ -224,7 +224,7 @@ class Rig(Source):
             time = sheet.find(self._called(TIME))
         if time is None or sheet.uneven or not len(sheet.frame):
             return sheet
-        return historian.tidied(sheet, time, self.time_format, used=known)[0]
+        return historian.tidy(sheet, time, self.time_format, used=known)[0]
 
     def _places(self, sheet: Sheet, known: Mapping[str, str]) -> dict[str, int]:
         """Return the position of each column by name."""
@@ -278,7 +278,7 @@ class Rig(Source):
             got = sheet.got(place, int(holes[0]), filled[holes[0]])
             yield sheet.lacking(place, sheet.place(int(holes[0])), got, len(holes))
         elif not np.isfinite(filled).all():
-            filled = bridged(values[:, 0], filled, held=held)
+            filled = bridge(values[:, 0], filled, held=held)
         values[:, column] = filled
 
     def _steps(self, t: Float[np.ndarray, " K"], sheet: Sheet) -> Iterator[str]:
@@ -344,7 +344,7 @@ class Rig(Source):
 
 def _compute(kpis: Callable[[Experiment], Mapping[str, float]], made: Experiment) -> dict[str, float]:
     try:
-        return {str(name): float(value) for name, value in computed(kpis, made).items()}
+        return {str(name): float(value) for name, value in compute(kpis, made).items()}
     except Exception as error:
         # The user's own function can raise anything; the record or the function is the cause.
         raise RecordError(

@@ -166,7 +166,7 @@ def _with_ranges(factor: Factor, ranges: Ranges) -> Factor:
     return changed.stepped(factor.step) if factor.step else changed
 
 
-def drawn(factors: Sequence[Factor], seed: int, k: int) -> dict[str, float]:
+def draw(factors: Sequence[Factor], seed: int, k: int) -> dict[str, float]:
     """Return the values of run k by name: independent of all other runs and of their number."""
     shares: Float[np.ndarray, " n"] = np.random.default_rng([seed, k]).random(len(factors))
     return {f.name: f.value(share) for f, share in zip(factors, shares.tolist(), strict=True)}

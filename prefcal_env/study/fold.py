@@ -15,7 +15,7 @@ import numpy as np
 
 from prefcal_env.errors import KnobError, PrefcalError, ProtocolError, StudyError
 from prefcal_env.experiments.experiment import Channel, Channels, End, Experiment
-from prefcal_env.knobs import Knob, KnobSpace, carried
+from prefcal_env.knobs import Knob, KnobSpace, carry
 from prefcal_env.plain import UNREADABLE, canonical, to_plain
 from prefcal_env.preferences.answer import Answer, Outcome
 from prefcal_env.preferences.history import Comparison, History, Sample
@@ -776,7 +776,7 @@ def _respaced(state: State, seq: int, _at: str, event: Respaced) -> State:
     try:
         history = kept.history.moved(old, new, event.added)
         proposed = {
-            i: tuple(carried(np.array(theta), old, new, event.added).tolist())
+            i: tuple(carry(np.array(theta), old, new, event.added).tolist())
             for i, theta in kept.proposed.items()
         }
     except (KnobError, TypeError, ValueError) as error:

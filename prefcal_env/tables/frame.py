@@ -15,8 +15,8 @@ from prefcal_env.errors import RecordError, SettingsError
 from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.experiments.kpis import tracking_kpis
 
-from .historian import NO_HEADING, tidied
-from .recorded import Limits, bridged, recorded
+from .historian import NO_HEADING, tidy
+from .recorded import Limits, bridge, recorded
 from .sheet import Sheet, Table, sheet_of
 from .times import gap_words, gaps, instants, step_back_words, steps_back, time_column
 
@@ -201,7 +201,7 @@ class _Used:
         if not len(sheet.frame):
             raise RecordError("a table needs a line of headings and rows of values, got headings only")
         time = time_column(sheet, about.columns.get("time", about.time))
-        sheet, time = tidied(
+        sheet, time = tidy(
             sheet, time, about.time_format, used=about.used(), repeated="duplicates" in about.allow
         )
         found = instants(sheet, time, about.time_unit, about.time_format, about.counted_in(sheet.name(time)))
@@ -247,7 +247,7 @@ class _Used:
         begin = min(int(np.argmax(np.isfinite(self.values[name]))) for name in self.outputs)
         values = dict(self.values)
         for name in values.keys() - {*self.outputs, *self.about.signals} if begin else ():
-            before = bridged(self.t[: begin + 1], values[name][: begin + 1], held=True)[-1]
+            before = bridge(self.t[: begin + 1], values[name][: begin + 1], held=True)[-1]
             values[name] = np.append(values[name][:begin], [before, *values[name][begin + 1 :]])
         return replace(self, values=values).take(np.arange(begin, len(self.t)))
 
@@ -333,7 +333,7 @@ class _Used:
             raise RecordError(f"{lacks}: fill it, or give allow=('missing',) to bridge them")
         # Half a pump does not run: what is on or off keeps its value, too.
         switched = set(values[finite]) == {0.0, 1.0}
-        filled = bridged(self.t, values, held=held or switched)
+        filled = bridge(self.t, values, held=held or switched)
         if not held:
             filled[stop:] = np.nan
         elif name not in self.about.inputs:

@@ -21,7 +21,7 @@ _COUNTERS = re.compile(
 """What columns of row numbers are called: often nothing, which pandas reads as "Unnamed: 0"."""
 
 
-def tidied(
+def tidy(
     sheet: Sheet,
     time: int,
     time_format: str | None = None,

@@ -55,7 +55,7 @@ class Aligned:
     stopped: bool  # whether values that are not finite followed after `t`
 
 
-def aligned(
+def align_all(
     t: Any,
     outputs: Mapping[str, Any],
     inputs: Mapping[str, Any],
@@ -99,7 +99,7 @@ def held_rows(instants: Float[np.ndarray, " M"], t: Float[np.ndarray, " K"]) -> 
     return np.asarray(np.searchsorted(instants, t + tolerance, side="right") - 1)
 
 
-def bridged(
+def bridge(
     t: Float[np.ndarray, " K"], values: Float[np.ndarray, " K"], *, held: bool
 ) -> Float[np.ndarray, " K"]:
     """Return `values` at `t` without gaps: interpolated, or `held` from the latest good value.
@@ -187,7 +187,7 @@ def _curve_of(
     first = int(np.argmax(np.isfinite(found))) if len(found) else 0
     if held and not np.isinf(found).any() and (gaps or not first):
         # Who logs changes only leaves the rest empty.
-        found[first:] = bridged(base[first:], found[first:], held=True)
+        found[first:] = bridge(base[first:], found[first:], held=True)
     kept = len(found) if gaps else _finite_rows(what, base, found, unit)
     return Curve(what, base[:kept], found[:kept], held, own, kept < len(found), gaps)
 
@@ -390,7 +390,7 @@ def recorded(
     reference, signals = reference or {}, signals or {}
     look: _Look = (units or {}, limits or {}, bands or {})
     _check_names(y, u, signals, reference, look)
-    run = aligned(t, y, u, reference, signals, time_unit)
+    run = align_all(t, y, u, reference, signals, time_unit)
     theta = numbers("theta", np.atleast_1d(np.asarray(theta)))
     if end is None:
         end = End.FAILED if not len(run.t) else End.UNSAFE if run.stopped else End.TIME_UP

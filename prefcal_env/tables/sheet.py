@@ -185,7 +185,7 @@ def _text_of(cell: Any) -> str:
     return str(cell).strip()
 
 
-def decoded(content: bytes) -> str:
+def decode(content: bytes) -> str:
     """Return the text of a file: UTF-8 or UTF-16 with its mark, or else Windows' Western one.
 
     Raises:
@@ -526,7 +526,7 @@ def _loaded(source: Table) -> Any:
     if isinstance(source, bytes):
         if source.startswith(_WORKBOOK):
             return lines_of_workbook(source)
-        return _parquet(source) if source[:4] == _PARQUET else decoded(source)
+        return _parquet(source) if source[:4] == _PARQUET else decode(source)
     return source
 
 

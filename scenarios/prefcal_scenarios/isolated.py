@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import RunError, SettingsError
-from prefcal_env.experiments.experiment import Experiment, returned
+from prefcal_env.experiments.experiment import Experiment, check_returned
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.sources.source import KPIsOf, Run, Source
 from prefcal_env.study import space_of
@@ -68,7 +68,7 @@ def work_of(source: str, limit: float) -> Callable[[tuple[Any, int, Ranges]], by
         if limit < _LONGEST:
             faulthandler.dump_traceback_later(limit + _BEYOND, exit=True)
         try:
-            return encode(returned(_source_of(scenario, ranges).run(theta, seed=seed)))
+            return encode(check_returned(_source_of(scenario, ranges).run(theta, seed=seed)))
         finally:
             faulthandler.cancel_dump_traceback_later()
 

@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from prefcal_env.arrays import is_integer
 from prefcal_env.errors import KnobError, RunError, ScenarioError, SettingsError
-from prefcal_env.experiments.experiment import End, Experiment, FrozenMapping, returned
+from prefcal_env.experiments.experiment import End, Experiment, FrozenMapping, check_returned
 from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.experiments.panels import MEAN, by_maneuver, named
 from prefcal_env.knobs import KnobSpace
@@ -122,7 +122,7 @@ def simulator(scenario: Scenario | str, *, seed: int = 0) -> Callable[[Float[np.
     found = load(scenario) if isinstance(scenario, str) else scenario
 
     def simulate(theta: Float[np.ndarray, " n"]) -> Outcome:
-        return screened(found, returned(found.run(theta, seed=seed)))
+        return screened(found, check_returned(found.run(theta, seed=seed)))
 
     simulate.reading = reading(found)  # type: ignore[attr-defined]
     simulate.candidates = found.source.candidates  # type: ignore[attr-defined]
@@ -275,7 +275,7 @@ class RunTask:
 
     def __call__(self, theta: Float[np.ndarray, " n"]) -> Simulated | Experiment:
         """Run θ, physical, shape (n,), and raise whatever the run raises."""
-        experiment = returned(self.source.run(theta.copy(), seed=self.seed))
+        experiment = check_returned(self.source.run(theta.copy(), seed=self.seed))
         return experiment if self.trajectories else Simulated.of(experiment)
 
     def here(self, theta: Float[np.ndarray, " n"]) -> Result:

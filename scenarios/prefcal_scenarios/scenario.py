@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import KnobError, ScenarioError
-from prefcal_env.experiments.experiment import Controller, Experiment, returned
+from prefcal_env.experiments.experiment import Controller, Experiment, check_returned
 from prefcal_env.experiments.kpis import KPI as KPI
 from prefcal_env.experiments.kpis import Formulas, Tracking, every_tracking_kpi, found_kpis, tracking_kpis
 from prefcal_env.experiments.panels import Panel as Panel
@@ -280,7 +280,7 @@ def check_experiment(scenario: Scenario, theta: Float[np.ndarray, " n"], result:
         ScenarioError: If anything is wrong; the message lists every problem and the names that
             exist.
     """
-    experiment = returned(result)
+    experiment = check_returned(result)
     wrong = [
         *theta_problems(scenario.space, theta, experiment),
         *panel_problems(scenario, experiment),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from prefcal_env.envs.varied_plant import at_rest
-from prefcal_env.sources.varied import drawn
+from prefcal_env.sources.varied import draw
 from prefcal_scenarios import load
 
 
@@ -25,7 +25,7 @@ def assert_it_starts_at_rest_where_the_study_does(name):
     loop, subject = load(name).run.function.__self__, found(load(name))
     first = loop.plant.measured[0]
     for k in range(6):
-        values = drawn(subject.factors, 3, k)
+        values = draw(subject.factors, 3, k)
         made = varied(name, values)
         shift = values.get("start", 0.0) * (loop.target.start[0] - loop.task.x0[first])
         if at_rest(made.plant, made.task.x0, made.task.u0, made.task.disturbance(0.0)):

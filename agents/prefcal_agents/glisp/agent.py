@@ -23,7 +23,7 @@ from prefcal_agents.search import (
     latin_hypercube,
     new_minimum,
     random_points,
-    replaced,
+    replace_unsafe,
     unsafe_penalty,
 )
 from prefcal_agents.surrogate import PreferenceGP, Surrogate
@@ -127,7 +127,7 @@ def propose_start(setup: GLISpSetup, history: History) -> Float[np.ndarray, " n"
     if penalty is not None:
         # What is planned later counts as tried, or two points of the start could end up side by side.
         others = np.vstack([cube_of(history), plan[index + 1 :]])
-        z = replaced(z, others, random_points(setup.space, POOL, rng), penalty)
+        z = replace_unsafe(z, others, random_points(setup.space, POOL, rng), penalty)
     return Tried(setup.space, history).fresh(z, rng)
 
 

@@ -23,7 +23,7 @@ from prefcal_agents.people import (
     learn,
     update,
 )
-from prefcal_agents.result import DrawPool, limited
+from prefcal_agents.result import DrawPool, limit
 from prefcal_agents.search import Region, latin_hypercube
 from prefcal_agents.taste import Told, lessons_of
 from prefcal_env.arrays import integer
@@ -475,7 +475,7 @@ class Growth:
             if scale.names != stage.scale.names:  # a KPI was always the same before: begin again
                 before, utilities = History(), self._draw(scale, self._rng(History(), _LEARN))
             elif not np.array_equal(scale.limits, stage.scale.limits):  # a KPI found a better value
-                utilities = limited(scale, utilities)
+                utilities = limit(scale, utilities)
             utilities = self._learn(past, before, bank, scale, utilities)
             judges = _GUIDES if near else _JUDGES
             stage = self._stage(past, bank, spread, scale, utilities, judges)

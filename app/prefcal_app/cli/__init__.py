@@ -46,9 +46,9 @@ def main() -> None:
 
 def _own(error: Exception) -> tuple[str, int] | None:
     """Return the message and exit code for an error of the user's own code; None for others."""
-    from prefcal_env.wording import in_words, located, own_line
+    from prefcal_env.wording import in_words, locate, own_line
 
-    return (in_words(located(error)), 1) if own_line(error) else None
+    return (in_words(locate(error)), 1) if own_line(error) else None
 
 
 def _of_the_system(error: Exception) -> tuple[str, int] | None:

@@ -20,13 +20,13 @@ from typer import echo
 from prefcal_app.report.export import jsonable
 from prefcal_app.terminal.showing import say
 from prefcal_env.errors import ScenarioError
-from prefcal_env.experiments.experiment import Channels, End, Experiment, returned
+from prefcal_env.experiments.experiment import Channels, End, Experiment, check_returned
 from prefcal_env.experiments.kpis import every_tracking_kpi
 from prefcal_env.experiments.panels import KINDS, by_maneuver
 from prefcal_env.preferences.answer import Answer, Calibrator
 from prefcal_env.sources import Run, Source
 from prefcal_env.study.fold import decode, encode
-from prefcal_env.wording import as_exception, in_words, located
+from prefcal_env.wording import as_exception, in_words, locate
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.described.description import words_of
 from prefcal_scenarios.isolated import isolation
@@ -141,7 +141,7 @@ class Checkup:
                 yield Finding("run", None, "only you can run this rig: a made-up record is checked")
             return
         took = time.perf_counter() - start
-        experiment = self.experiment = returned(result)
+        experiment = self.experiment = check_returned(result)
         self.scenario = with_found_kpis(self.scenario, experiment)
         bad = experiment.end.interrupted
         words = f"{took:.2g} s, ended: {experiment.end.value}"
@@ -283,7 +283,7 @@ def run(typed: Mapping[str, Any]) -> int:
 
 def _failed(what: str, error: Exception) -> Finding:
     """Return what an error of the user's code says, and the line that raised it."""
-    return Finding(what, False, in_words(located(error)))
+    return Finding(what, False, in_words(locate(error)))
 
 
 def _tried(what: str, check: Callable[[], str]) -> Finding:

@@ -50,7 +50,7 @@ from prefcal_env.study import (
 )
 from prefcal_env.study.file import left_beside
 from prefcal_env.units import conversion
-from prefcal_env.wording import did_you_mean, in_words, located
+from prefcal_env.wording import did_you_mean, in_words, locate
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.names import is_built_in
 from prefcal_scenarios.own import fingerprint, module_at
@@ -120,7 +120,7 @@ class KnownCost:
         except Exception as error:
             if isinstance(error, PrefcalError) and not isinstance(error, _UnknownCostError):
                 raise
-            words, key = in_words(located(error)), theta_key(experiment.theta)
+            words, key = in_words(locate(error)), theta_key(experiment.theta)
             self._first = self._first or error
             if key not in self.unknown:
                 _SAYS.info("an experiment counts as failed, as its cost is unknown: %s", words)

@@ -16,7 +16,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
 
-from prefcal_app.summary import Spread, compared
+from prefcal_app.summary import Spread, compare
 from prefcal_app.web.api import Pages, Reports, as_json, digits, error_response, explain, read_query, to_json
 from prefcal_app.web.security import Assets, Hosts
 from prefcal_app.web.serve import Site, guard
@@ -24,7 +24,7 @@ from prefcal_env.errors import ExperimentError, RecordError
 from prefcal_env.experiments.experiment import End, Experiment, table_of
 from prefcal_env.experiments.panels import Plot, named
 from prefcal_env.tables.frame import ALLOWED, TableColumns
-from prefcal_env.tables.historian import NO_HEADING, tidied
+from prefcal_env.tables.historian import NO_HEADING, tidy
 from prefcal_env.tables.sheet import Sheet, parts_of, sheet_of
 from prefcal_env.tables.times import Instants, gap_words, gaps, instants, usual_time_columns
 from prefcal_env.units import same
@@ -146,7 +146,7 @@ class SideBySide:
 
     def kpis(self) -> list[dict[str, Any]]:
         """Return the KPIs of both runs with their differences, the largest first."""
-        return compared(self.left.experiment, self.right.experiment, self.known, Spread())
+        return compare(self.left.experiment, self.right.experiment, self.known, Spread())
 
     def png(self) -> bytes:
         """Return the picture of both runs over each other; references are dotted."""
@@ -301,7 +301,7 @@ def _timed_sheet(path: Path, about: TableColumns) -> tuple[Sheet, int, Instants,
         said.append(f"{(~there).sum()} of {len(there)} rows have no time and are left out")
         sheet = sheet.take(np.flatnonzero(there))
     guessed = not named and not usual_time_columns(sheet)
-    sheet, time = tidied(sheet, time, about.time_format, used=about.used(), repeated=True)
+    sheet, time = tidy(sheet, time, about.time_format, used=about.used(), repeated=True)
     found = instants(sheet, time, None, about.time_format, about.counted_in(sheet.name(time)))
     t, back = found.t, bool((np.diff(found.t) < 0).any())
     if guessed and (back or sheet.name(time) == "T"):

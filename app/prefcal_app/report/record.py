@@ -28,7 +28,7 @@ from prefcal_env.experiments.panels import named
 from prefcal_env.knobs import theta_key
 from prefcal_env.preferences.answer import Comparison, Preference
 from prefcal_env.study import StudyFile, study_path, to_text
-from prefcal_env.wording import in_words, located
+from prefcal_env.wording import in_words, locate
 from prefcal_scenarios.runs import WORST, grouped
 from prefcal_scenarios.scenario import KPI, Scenario
 from prefcal_scenarios.wording import (
@@ -299,7 +299,7 @@ class StudyRecord:
                 raise trouble
         except Exception as error:  # the user's code can raise anything
             scenario = replace(self.scenario, cost=None)
-            return replace(self, scenario=scenario), in_words(located(error))
+            return replace(self, scenario=scenario), in_words(locate(error))
         return self, ""
 
     @property

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from prefcal_env.errors import RunError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.preferences.answer import Answer, Calibrator, Comparison, Preference
-from prefcal_env.wording import in_words, located
+from prefcal_env.wording import in_words, locate
 from prefcal_env.workers import GRACE
 
 from .actions import Fail, Give
@@ -155,7 +155,7 @@ def _lost(interview: Interview, before: int, failed: Callable[[str], None]) -> b
     except Exception as error:
         if now.pending is None or before + 1 >= _MOST_LOST or not _is_of_this_run(error, now):
             raise
-        failed(f"Experiment {now.pending.index + 1} failed: {in_words(located(error))}")
+        failed(f"Experiment {now.pending.index + 1} failed: {in_words(locate(error))}")
         interview.do(Fail(now.pending.index, in_words(error)))
     return True
 

@@ -9,12 +9,12 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.people import Bank
-from prefcal_agents.result import between, unbeaten
+from prefcal_agents.result import find_unbeaten, rows_between
 from prefcal_agents.screening.findings import Findings
 from prefcal_app.session import Interview, Now, Outlook, Question, Side
 from prefcal_app.session.study import is_robust
 from prefcal_app.simulating import Screened, as_shown, at_stake, menu_names, offer, why
-from prefcal_app.summary import Spread, after_a_slip, compared, unmeasured
+from prefcal_app.summary import Spread, after_a_slip, compare, unmeasured
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs import Knob
 from prefcal_env.study import State
@@ -137,8 +137,8 @@ def map_view(interview: Interview) -> dict[str, Any] | None:
 
 def _ways(bank: Bank, best: int, others: list[int]) -> list[tuple[int, ...]]:
     """Return what lies between the best row and each of the others."""
-    stops = unbeaten(bank.kpis, ~bank.hopeless) if others else bank.hopeless
-    return [between(bank.kpis, stops, best, other) for other in others]
+    stops = find_unbeaten(bank.kpis, ~bank.hopeless) if others else bank.hopeless
+    return [rows_between(bank.kpis, stops, best, other) for other in others]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -332,7 +332,7 @@ def gained(
         kpis: KPIs to show.
         spread: What is usual in the study.
     """
-    rows = [row for row in compared(before, after, kpis, spread) if row["group"] in ("", WORST)]
+    rows = [row for row in compare(before, after, kpis, spread) if row["group"] in ("", WORST)]
     rows.sort(key=lambda row: (row["left"]["met"] == row["right"]["met"], -row["change"]))
     found = [_row(row) for row in rows]
     missing = [kpi for kpi in kpis if not {kpi.name} & {*before.kpis, *after.kpis}]

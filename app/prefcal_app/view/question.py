@@ -12,9 +12,9 @@ from jaxtyping import Float
 from prefcal_app.session import Interview, Preview, Question, Side
 from prefcal_app.session.actions import Record
 from prefcal_app.session.study import PlantNow, Recovery
-from prefcal_app.summary import Spread, compared, measured_rows
+from prefcal_app.summary import Spread, compare, measured_rows
 from prefcal_env.experiments.experiment import Channel, Experiment
-from prefcal_env.experiments.panels import PanelCurves, Plot, by_maneuver, drawn, maneuvers_of
+from prefcal_env.experiments.panels import PanelCurves, Plot, by_maneuver, maneuvers_of, panel_curves
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.sources import Change, Stage
 from prefcal_scenarios.scenario import KPI, Scenario, panels_of
@@ -103,7 +103,7 @@ def curves_view(experiment: Experiment, panels: Sequence[Plot]) -> dict[str, Any
     """Return curves, changing references and limits, and each panel in words."""
     runs = experiment.runs or (experiment,)
     recorded = runs if len(experiment.t) else ()
-    found, t = [drawn(panels, run) for run in runs], runs[0].t
+    found, t = [panel_curves(panels, run) for run in runs], runs[0].t
     beside = [
         [None if values is None else curve(t, values, held=True) for values in each[1:]] for each in found[0]
     ]
@@ -261,7 +261,7 @@ class Seen:
 def _reach(experiment: Experiment, panels: Sequence[Plot]) -> _Reach:
     runs = [run for run in experiment.runs or (experiment,) if len(run.t)]
     t = _union((float(run.t[0]), float(run.t[-1])) for run in runs)
-    curves = [drawn(panels, run) for run in runs]
+    curves = [panel_curves(panels, run) for run in runs]
     known = [[v for each in curves for v in each[i] if v is not None] for i in range(len(panels))]
     return _Reach(t, tuple(_union(map(_range, values)) for values in known))
 
@@ -348,7 +348,7 @@ def largest_difference(
     t = np.union1d(left.t, right.t)
     t = t[(t >= max(left.t[0], right.t[0])) & (t <= min(left.t[-1], right.t[-1]))]
     held = [panel.held for panel in panels]
-    a, b = (_on(t, drawn(panels, run), held, run.t) for run in (left, right))
+    a, b = (_on(t, panel_curves(panels, run), held, run.t) for run in (left, right))
     responses = [i for i, steps in enumerate(held) if not steps]
     largest = None
     for i in responses or range(len(panels)):
@@ -381,7 +381,7 @@ def eventful(
         moved
         for run in (*(left.runs or (left,)), *(right.runs or (right,)))
         if len(run.t)
-        for panel, curves, (low, high) in zip(panels, drawn(panels, run), axes["y"], strict=True)
+        for panel, curves, (low, high) in zip(panels, panel_curves(panels, run), axes["y"], strict=True)
         for moved in _movements(panel.channel, run.t, curves, _STILL * (high - low))
     ]
     if not found:
@@ -455,7 +455,7 @@ def pair_view(
 ) -> dict[str, Any]:
     """Return two experiments beside each other: their KPIs, and the curves of each maneuver.
 
-    `comparison` has a row for each KPI that either side has, see `compared`; `others` are the
+    `comparison` has a row for each KPI that either side has, see `compare`; `others` are the
     maneuvers after the first one. Without maneuvers there is one part, whose name is empty.
     A run that failed without a record, or that ran before a maneuver was added, has no curves in
     the maneuvers that it lacks.
@@ -466,7 +466,7 @@ def pair_view(
     )
     first["left"] |= numbers_view(left, kpis)
     first["right"] |= numbers_view(right, kpis)
-    return {"comparison": compared(left, right, kpis, seen.spread), **first, "others": others}
+    return {"comparison": compare(left, right, kpis, seen.spread), **first, "others": others}
 
 
 def _maneuver_view(

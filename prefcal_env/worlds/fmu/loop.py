@@ -98,7 +98,7 @@ class _Started:
         """Return the work of a new process."""
         if self.home is None or not self.home.exists() or self.owner != os.getpid():
             # Computers tidy their temporary folders, and a study may take weeks.
-            self.home = unpacked(Path(self._job.path))
+            self.home = unpack(Path(self._job.path))
         self.owner, self.runs = os.getpid(), 0
         return pickle.dumps((FMUSimulation, (self._job._replace(path=str(self.home / "fmu")),)))
 
@@ -113,7 +113,7 @@ def _release(worker: Worker, started: _Started) -> None:
         started.home = None
 
 
-def unpacked(path: Path) -> Path:
+def unpack(path: Path) -> Path:
     """Return a new folder, with the contents of the FMU in its folder "fmu".
 
     Raises:

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from prefcal_env.errors import ConnectionLostError, LiveError
 from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.sources.source import Change, Progress, Stage
-from prefcal_env.tables.recorded import bridged, recorded
+from prefcal_env.tables.recorded import bridge, recorded
 
 from .plan import Journal, LiveKnob, LivePlan, LivePlant, Role, TypedPlant, all_within, within
 
@@ -64,7 +64,7 @@ def experiment_of(rig: LivePlan, theta: Float[np.ndarray, " n"], rows: Sequence[
     t = np.array([instant for instant, _ in rows])[kept]
     curves = {
         role: {
-            tag.name: bridged(t, values, held=role != "output")
+            tag.name: bridge(t, values, held=role != "output")
             for tag, values in read.items()
             if tag.role == role
         }

@@ -13,7 +13,7 @@ from prefcal_env.envs.closed_loop import ClosedLoop
 from prefcal_env.envs.plant_env import PlantEnv
 from prefcal_env.envs.task import StepSignal, Task
 from prefcal_env.errors import ScenarioError
-from prefcal_env.experiments.events import entered
+from prefcal_env.experiments.events import entry_time
 from prefcal_env.experiments.experiment import Channel, Controller, Experiment
 from prefcal_env.experiments.panels import Panel
 from prefcal_env.knobs import Knob, KnobSpace
@@ -100,7 +100,7 @@ def _until(
     """Return the time from `start` on until the error stays in the band; infinite for never."""
     if not part.any() or t[-1] < end * (1 - 1e-6) - 1e-9:
         return np.inf
-    return entered(t[part], error[part], _BAND) - start
+    return entry_time(t[part], error[part], _BAND) - start
 
 
 _ROWS = (

@@ -12,11 +12,11 @@ from jaxtyping import Float
 
 from prefcal_env.arrays import integer
 from prefcal_env.errors import KnobError, ScenarioError, SettingsError
-from prefcal_env.experiments.experiment import Experiment, returned
+from prefcal_env.experiments.experiment import Experiment, check_returned
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preferences.answer import Outcome, Reading
 from prefcal_env.sources.source import RIG, Source, Varied
-from prefcal_env.sources.varied import UNMODELED, Factor, LeftOut, Ranges, Values, drawn, within
+from prefcal_env.sources.varied import UNMODELED, Factor, LeftOut, Ranges, Values, draw, within
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.isolated import DEFAULT_LIMIT
 from prefcal_scenarios.runs import FailedRun, HasKPIs, Progress, simulate_iter, simulate_many
@@ -50,7 +50,7 @@ class Perturbed(Source):
         if len(theta) == n:
             return self._source.run(theta, seed=seed)
         changed, noise = self._case(int(theta[n]))
-        return replace(returned(changed.run(theta[:n].copy(), seed=noise)), theta=theta)
+        return replace(check_returned(changed.run(theta[:n].copy(), seed=noise)), theta=theta)
 
     def _case(self, k: int) -> tuple[Source, int]:
         """Return the source of run k and the seed of its noise; candidates share them."""
@@ -58,7 +58,7 @@ class Perturbed(Source):
             factors = [each for each in self._varied.factors if each.robust]
             seed = self._seed + _APART
             noise = int(np.random.default_rng([seed, k, 1]).integers(2**31))
-            self._cases[k] = self._varied.at(drawn(factors, seed, k)), noise
+            self._cases[k] = self._varied.at(draw(factors, seed, k)), noise
         return self._cases[k]
 
     @cached_property
@@ -248,7 +248,7 @@ class Variations(Source):
     def run(self, theta: Float[np.ndarray, " 1"], seed: int = 0) -> Experiment:
         """Run the case with this number, shape (1,)."""
         case = self.cases[int(theta[0])]
-        return returned(self._at(case.values).run(self._thetas[case.which].copy(), seed=case.seed))
+        return check_returned(self._at(case.values).run(self._thetas[case.which].copy(), seed=case.seed))
 
 
 def _scenario(given: Any, theta: Float[np.ndarray, " n"]) -> Scenario:
@@ -297,7 +297,7 @@ def _experiments(varied: Variations, timeout: float | None) -> list[Experiment]:
     for each in made:
         if isinstance(each, FailedRun):
             raise ScenarioError(f"a run without variation, or one that is looked at, failed: {each.words}")
-    return [returned(each) for each in made]
+    return [check_returned(each) for each in made]
 
 
 def _nominally(
@@ -334,7 +334,7 @@ def _seconds(scenario: Scenario, theta: Float[np.ndarray, " n"], clock: Callable
 
 def _cases(factors: tuple[Factor, ...], tunings: int, runs: int, seed: int) -> Iterator[_Case]:
     """Yield random runs of the tuning, then each factor alone, then the random runs of the other."""
-    rows = [drawn(factors, seed, k) for k in range(runs)]
+    rows = [draw(factors, seed, k) for k in range(runs)]
     seeds = [int(np.random.default_rng([seed, k, 1]).integers(2**31)) for k in range(runs)]
     yield from (_Case(0, row, each) for row, each in zip(rows, seeds, strict=True))
     for factor in factors:

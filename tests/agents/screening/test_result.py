@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from contracts.proposals import MIXED
 from prefcal_agents import Screening
-from prefcal_agents.result import decisive, turned
+from prefcal_agents.result import decisive, turn
 from prefcal_agents.screening import findings as said_of
 from prefcal_agents.screening.agent import Certificate
 from prefcal_agents.screening.bank import ENOUGH, Growth, Simulations
@@ -124,7 +124,7 @@ def test_turning_the_decisive_answer_gives_what_was_foretold(ended):
     named = decisive(said.influences, ended.best_index)
     assert named is not None
     agent = ended.copy()
-    agent.history = turned(ended.history, named.answer)
+    agent.history = turn(ended.history, named.answer)
     assert agent.best_index == named.reversed != ended.best_index
     assert said.stakes is None  # nothing is asked any more
 

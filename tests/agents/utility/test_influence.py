@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from prefcal_agents.people import DRAWS, Scale, Utilities, overtaking
-from prefcal_agents.result import DrawPool, decisive, influences, stakes, turned
+from prefcal_agents.result import DrawPool, decisive, influences, stakes, turn
 from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_env.preferences.history import Comparison, History
 from support.histories import in_cube
@@ -55,10 +55,10 @@ def test_with_the_answer_that_crowned_the_best_turned_the_one_before_is_the_resu
 
 def test_turning_an_answer_twice_changes_nothing():
     history = record((POOR, None), (GOOD, -1), (9, 1))
-    once = turned(history, 1)
+    once = turn(history, 1)
     assert once.comparisons[1].answer.preference is Preference.INCUMBENT
     assert once.comparisons[2] == history.comparisons[2]
-    assert turned(once, 1) == history
+    assert turn(once, 1) == history
 
 
 @pytest.mark.parametrize(("new", "low", "high"), [(BEST, 0.7, 0.85), (POOR, 0.0, 0.1), (SAME, 0.0, 0.1)])

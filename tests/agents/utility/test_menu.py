@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from prefcal_agents.result import between, others, unbeaten
+from prefcal_agents.result import find_unbeaten, others, rows_between
 
 USABLE = np.ones(6, dtype=bool)
 LOGS = np.array([[0.0, 5.0], [1.0, 4.0], [2.0, 3.0], [3.0, 2.0], [4.0, 1.0], [5.0, 0.0]])
@@ -51,18 +51,18 @@ def test_what_lies_between_is_in_order_and_none_of_it_is_beaten():
     line = np.array([[k, 10.0 - k] for k in range(11)])
     kpis = np.vstack([line, [[5.0, 9.0], [20.0, 0.0]]])  # row 11 is beaten by row 5, 12 lies beyond
     usable = np.ones(13, dtype=bool)
-    assert between(kpis, unbeaten(kpis, usable), 0, 10) == tuple(range(11))
-    assert between(kpis, unbeaten(kpis, usable), 7, 3) == (7, 6, 5, 4, 3)
+    assert rows_between(kpis, find_unbeaten(kpis, usable), 0, 10) == tuple(range(11))
+    assert rows_between(kpis, find_unbeaten(kpis, usable), 7, 3) == (7, 6, 5, 4, 3)
     usable[5] = False
-    assert between(kpis, unbeaten(kpis, usable), 7, 3) == (7, 6, 4, 3)
+    assert rows_between(kpis, find_unbeaten(kpis, usable), 7, 3) == (7, 6, 4, 3)
 
 
 def test_what_is_beaten_by_a_usable_row_is_no_stop_and_equals_stay():
     kpis = np.array([[1.0, 2.0], [1.0, 2.0], [1.0, 3.0], [0.0, 0.0], [np.inf, 1.0], [np.inf, np.inf]])
     usable = np.array([True, True, True, False, True, True])
-    assert unbeaten(kpis, usable).tolist() == [True, True, False, False, True, False]
+    assert find_unbeaten(kpis, usable).tolist() == [True, True, False, False, True, False]
 
 
 def test_there_may_be_nothing_between_two():
     kpis = np.array([[0.0, 1.0], [1.0, 0.0], [np.inf, np.inf]])
-    assert between(kpis, np.array([True, True, False]), 1, 0) == (1, 0)
+    assert rows_between(kpis, np.array([True, True, False]), 1, 0) == (1, 0)

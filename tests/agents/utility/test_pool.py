@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from prefcal_agents.people import DRAWS, Lessons, Scale, Utilities, update
-from prefcal_agents.result import DrawPool, turned
+from prefcal_agents.result import DrawPool, turn
 from prefcal_env.preferences.history import History
 from support.simulated import in_chain, random_bank
 
@@ -60,7 +60,7 @@ def test_without_answers_it_weighs_as_people_are_before_any(pool):
 
 @pytest.mark.parametrize("index", [None, 1, 4, 7])
 def test_it_agrees_with_learning_again(pool, record, index):
-    other = record if index is None else turned(record, index)
+    other = record if index is None else turn(record, index)
     fresh = learned(other, seed=1)[-1][1].costs(LOGS[ROWS])
     again = better(fresh, np.full(len(fresh), 1 / len(fresh)))
     assert np.abs(better(pool.costs, pool.weights(other)) - again).mean() < 0.06

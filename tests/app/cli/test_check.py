@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from prefcal_env.wording import in_words, located, own_line
+from prefcal_env.wording import in_words, locate, own_line
 from toy_study import TOY_FILE
 
 pytestmark = pytest.mark.usefixtures("own_process")
@@ -197,6 +197,6 @@ def test_the_last_own_line_of_an_error_is_found_below_other_peoples_code():
     line = own_line(caught.value)
     assert line.startswith("test_check.py:")
     assert 'json.loads("{")' in line
-    assert in_words(located(caught.value)).endswith(f"(in {line})")
-    assert len(located(caught.value).__notes__) == 1
+    assert in_words(locate(caught.value)).endswith(f"(in {line})")
+    assert len(locate(caught.value).__notes__) == 1
     assert own_line(ValueError("never raised")) == ""

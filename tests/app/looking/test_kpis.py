@@ -5,7 +5,7 @@ import pytest
 
 from prefcal_app.looking.pair import measured_run
 from prefcal_env import recorded
-from prefcal_env.experiments.events import entered
+from prefcal_env.experiments.events import entry_time
 
 T = np.linspace(0, 500, 501)
 NAME = "settling time of T"
@@ -16,7 +16,7 @@ def settled(y, t=T):
     run = recorded([1.0], t, {"T": y}, reference={"T": 40.0}, units={"T": "°C"})
     found, kpis = measured_run(run)
     assert found.kpis[NAME] == run.kpis[NAME]  # the same by every door
-    naive = entered(t - t[0], y - 40, 0.03 * abs(y[0] - 40))
+    naive = entry_time(t - t[0], y - 40, 0.03 * abs(y[0] - 40))
     return found.kpis[NAME], naive, kpis[0].title
 
 

@@ -13,7 +13,7 @@ import pytest
 from prefcal_env import Knob
 from prefcal_env.errors import PlantError, ScenarioError
 from prefcal_env.worlds.fmu import read_model
-from prefcal_env.worlds.fmu.loop import unpacked
+from prefcal_env.worlds.fmu.loop import unpack
 from prefcal_scenarios.isolated import isolation
 from prefcal_scenarios.own import joined_source
 from prefcal_scenarios.verification import replay, verify
@@ -41,7 +41,7 @@ def test_what_a_killed_process_left_is_removed_after_a_day(there, tmp_path):
             os.utime(folder, (0, 0))
     with zipfile.ZipFile(tmp_path / "loop.fmu", "w") as content:
         content.writestr("modelDescription.xml", "<x/>")
-    home = unpacked(tmp_path / "loop.fmu")
+    home = unpack(tmp_path / "loop.fmu")
     assert (home / "fmu" / "modelDescription.xml").read_text() == "<x/>"
     assert {what for what, folder in folders.items() if not folder.exists()} == {"old"}
 
@@ -49,7 +49,7 @@ def test_what_a_killed_process_left_is_removed_after_a_day(there, tmp_path):
 def test_a_file_that_is_no_zip_leaves_nothing(there, tmp_path):
     (tmp_path / "loop.fmu").write_text("text")
     with pytest.raises(PlantError, match="cannot unpack the FMU"):
-        unpacked(tmp_path / "loop.fmu")
+        unpack(tmp_path / "loop.fmu")
     assert list(there.iterdir()) == []
 
 
@@ -161,11 +161,11 @@ def test_a_bomb_is_refused_before_it_is_unpacked(there, tmp_path):
     pytest.importorskip("fmpy")
     path = zeros(tmp_path / "loop.fmu", 60_000_000)
     words = r"FMU 'loop.fmu' is not unpacked: its 0\.05\d+ MB would become 0\.06 GB; at most 2 GB, and "
-    for look in (read_model, unpacked):
+    for look in (read_model, unpack):
         with pytest.raises(PlantError, match=words):
             look(path)
     with pytest.raises(PlantError, match="cannot unpack the FMU"):  # and not more than it said
-        unpacked(zeros(path, 60_000_000, said=1_000_000))
+        unpack(zeros(path, 60_000_000, said=1_000_000))
     assert list(there.iterdir()) == []
 
 
@@ -176,14 +176,14 @@ def test_many_empty_files_are_a_bomb_too(tmp_path, monkeypatch):
         for number in range(2000):
             content.writestr(f"{number}", "")
     with pytest.raises(PlantError, match=r"would become 0\.00819 GB"):
-        unpacked(tmp_path / "loop.fmu")
+        unpack(tmp_path / "loop.fmu")
 
 
 def test_an_fmu_of_the_usual_kind_is_unpacked(there, tmp_path):
     with zipfile.ZipFile(tmp_path / "loop.fmu", "w", zipfile.ZIP_DEFLATED) as content:
         content.writestr("resources/table.csv", "0.1,0.2\n" * 5_000_000)
         content.writestr("binaries/linux64/loop.so", os.urandom(1_000_000))
-    assert (unpacked(tmp_path / "loop.fmu") / "fmu" / "resources" / "table.csv").stat().st_size == 40_000_000
+    assert (unpack(tmp_path / "loop.fmu") / "fmu" / "resources" / "table.csv").stat().st_size == 40_000_000
 
 
 def test_a_worker_of_an_fmu_that_is_killed_leaves_no_folder(there, tank, monkeypatch):

@@ -9,7 +9,7 @@ from contracts.sources import source_contract
 from prefcal_env import End, Knob
 from prefcal_env.errors import KnobError, LiveError, ScenarioError, SettingsError
 from prefcal_env.sources import Stage
-from prefcal_env.tables.recorded import bridged
+from prefcal_env.tables.recorded import bridge
 from prefcal_env.worlds.live import Journal, LiveKnob, LiveStart, Tag
 from worlds.live.memory import Memory, memory_rig, simulate_time
 from worlds.live.sessions import simulated_sessions
@@ -381,8 +381,8 @@ def test_tags_and_start_values_can_be_changed_like_all_data(tmp_path):
 def test_gaps_are_interpolated_in_outputs_and_held_in_inputs():
     values = np.array([np.nan, 1.0, np.nan, 3.0, np.nan])
     t = np.arange(5.0)
-    assert bridged(t, values, held=False).tolist() == [1, 1, 2, 3, 3]
-    assert bridged(t, values, held=True).tolist() == [1, 1, 1, 3, 3]
+    assert bridge(t, values, held=False).tolist() == [1, 1, 2, 3, 3]
+    assert bridge(t, values, held=True).tolist() == [1, 1, 1, 3, 3]
 
 
 def test_a_value_that_was_never_good_is_not_made_up(tmp_path):

@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from prefcal_agents.transfer import RESPACEABLE, moved
+from prefcal_agents.transfer import RESPACEABLE, move
 from prefcal_app.cli.options import Options, RespaceOptions
 from prefcal_app.cli.parameters import kept_by
 from prefcal_app.report.export import jsonable
@@ -506,7 +506,7 @@ def _event(state: State, scenario: KnobSpace, changes: RespaceOptions) -> tuple[
     content = {"knobs": knobs_as_dicts(space), "within": within_as_dict(space), "scenario_knobs": theirs}
     before = agent_state(state)
     then = before.configuration()
-    now = moved(before, old, space, added).configuration()
+    now = move(before, old, space, added).configuration()
     agent = {name: value for name, value in now.items() if value != then.get(name)}
     return Respaced(content, added, agent), space
 

@@ -15,7 +15,7 @@ from prefcal_env.compiling import Kernel, compile_ahead
 from prefcal_env.envs.task import StepSignal, Task
 from prefcal_env.envs.varied_loop import VariedLoop, moves_of
 from prefcal_env.errors import SettingsError
-from prefcal_env.experiments.events import entered
+from prefcal_env.experiments.events import entry_time
 from prefcal_env.experiments.experiment import (
     Channel,
     Channels,
@@ -238,7 +238,7 @@ def compute_kpis(
     error, steps = _errors(experiment, disturbed_at)
     first = t < disturbed_at
     moves = np.abs(np.diff(u))
-    times = [entered(t[part] - t[part][0], error[part], _BAND * abs(step)) for part, step in steps]
+    times = [entry_time(t[part] - t[part][0], error[part], _BAND * abs(step)) for part, step in steps]
     found = {
         "overshoot": max(100.0 * max(float((-error[part] / step).max()), 0.0) for part, step in steps),
         "settling_time": sum(times, start=0.0) if t[-1] >= disturbed_at else np.inf,
