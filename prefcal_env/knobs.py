@@ -58,8 +58,8 @@ class Knob:
         KnobError: If the bounds are reversed, equal or infinite, lie so close that hardly a number
             fits between them, or have an infinite difference; if the range of a log10 knob holds 0,
             an integer knob has bounds that are not integers, `integer` is neither True nor False, the
-            name is empty, the scale is unknown, or the step is negative, wider than the range, or a
-            fraction for an integer knob.
+            name is empty, the unit is no text, the scale is unknown, or the step is negative, wider
+            than the range, or a fraction for an integer knob.
     """
 
     name: str
@@ -243,6 +243,8 @@ def default_step(low: float, high: float, scale: str) -> float:
 def _problem(knob: Knob) -> str:
     """Return what is wrong with the range, the scale or the kind of a knob; "" if nothing is."""
     low, high = knob.low, knob.high
+    if not isinstance(knob.unit, str):
+        return f"unit must be text, got {knob.unit!r}"
     box = f"got [{low}, {high}] {knob.unit}".rstrip()
     if not (is_number(low) and is_number(high)):
         return f"low and high must be numbers, {box}"

@@ -1,12 +1,13 @@
 """What is learned of one person from comparisons of KPIs: the door for data that no study asked for."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Sized
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from prefcal_env.arrays import integer
 from prefcal_env.errors import PreferenceError
 from prefcal_env.preferences.answer import Outcome, Reading
 from prefcal_env.preferences.history import History, KPIValues
@@ -130,7 +131,7 @@ class Taste:
 
         Raises:
             PreferenceError: If the lengths differ, an answer is none of the three, a KPI is no number,
-                or no experiment is given.
+                no experiment is given, or the seed is no whole number, 0 or more.
         """
         said = _check(answers, kpis)
         told = [Told(x, Outcome(a), Outcome(b)) for x, (a, b) in zip(said.tolist(), kpis, strict=True)]
@@ -147,6 +148,7 @@ class Taste:
 
     @classmethod
     def _of(cls, told: Sequence[Told], seed: int, usual: Sequence[KPIs] = ()) -> "Taste":
+        integer("seed", seed, low=0, error=PreferenceError)
         # Without a bank of simulations, the experiments themselves say which values are usual.
         table = [*(each.first for each in told), *(each.second for each in told), *usual]
         if not table:
@@ -177,6 +179,7 @@ class Taste:
         Raises:
             PreferenceError: If a KPI is no number, or one that was learned is missing in all.
         """
+        table = _several("a table", table)
         if not table:
             return ()
         value = worth(self.utilities.costs(self._logs(table))).mean(axis=0)
@@ -194,14 +197,22 @@ class Taste:
 
 def _check(answers: Sequence[int], kpis: Sequence[tuple[KPIs, KPIs]]) -> Int[np.ndarray, " m"]:
     """Return the answers; raise PreferenceError if they are not about as many pairs of experiments."""
+    answers, kpis = _several("answers", answers), _several("pairs of KPIs", kpis)
     if len(answers) != len(kpis):
         raise PreferenceError(f"each answer needs a pair of KPIs: {len(answers)} answers, {len(kpis)} pairs")
     for answer, pair in zip(answers, kpis, strict=True):
         if answer not in (-1, 0, 1):
             raise PreferenceError(f"an answer must be -1, 0 or 1, got {answer!r}")
-        if isinstance(pair, Mapping) or len(pair) != 2:
+        if isinstance(pair, Mapping) or not isinstance(pair, Sized) or len(pair) != 2:
             raise PreferenceError(f"a pair of KPIs must be two experiments, got {pair!r}")
     return np.array([int(answer) for answer in answers], dtype=np.int64)
+
+
+def _several(what: str, given: Sequence[Any]) -> Sequence[Any]:
+    """Return what was given, in order; raise PreferenceError if it is one thing, and no sequence."""
+    if isinstance(given, str | Mapping) or not isinstance(given, Iterable):
+        raise PreferenceError(f"{what} must be several, in order, got {given!r}")
+    return [*given]
 
 
 def _bank(table: Sequence[KPIs]) -> Bank:

@@ -3,15 +3,18 @@
     python benchmarks/campaigns/kills.py               # 2,000 kills; hours
     python benchmarks/campaigns/kills.py --kills 20 --kinds glisp
 
-Whoever answers here is a program that posts what the page posts: verdicts, marks and undos. After each
-kill the study must be there, be sound, and hold every step that was acknowledged since the last kill; once
-it is over, best.json must be its best experiment. No command may end by itself before that. What is not so is
-printed, and the exit code is then 1.
+Whoever answers here is a program that posts what the page posts: verdicts, marks and undos, and at the end
+choices of another result and verifications; `prefcal verify` is killed, too. After each kill the study must
+be there, be sound, and hold every step that was acknowledged since the last kill; once it is over,
+best.json, report, acceptance sheet, verification and page must say the same of its best experiment. No
+command may end by itself before that. What is not so is printed, and the exit code is then 1.
 """
 
 import argparse
+import html
 import json
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -20,22 +23,27 @@ import threading
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from hashlib import sha256
 from http.client import HTTPException
 from http.cookiejar import CookieJar
 from pathlib import Path
 from typing import Any
 
-from prefcal_env.errors import StudyError
+from prefcal_env.errors import ScenarioError, StudyError
 from prefcal_env.study import StudyFile, verify
+from prefcal_scenarios.verification.result import Verified
 
 KINDS: Mapping[str, Sequence[str]] = {
     "glisp": ("lag", "--simulate", "0", "--n-max", "14"),
     "screening": ("lag", "--simulate", "60", "--n-max", "9"),
     "robust": ("lag", "--simulate", "40", "--n-max", "6", "--robust"),
+    "choices": ("lag", "--simulate", "40", "--n-max", "3"),
+    "verification": ("lag", "--simulate", "0", "--n-max", "3"),
 }
 """Words of `prefcal calibrate` for each kind of study."""
+_WAIT = 60.0  # seconds within which all that is written of a result must say the same
 
 
 class BrokenError(Exception):
@@ -56,8 +64,12 @@ class Visitor:
 
     def get(self, name: str) -> Any:
         """Return what the page gets."""
+        return json.loads(self.text(name))
+
+    def text(self, name: str) -> str:
+        """Return a file or an answer as it is."""
         with self._opener.open(f"{self._base}/{name}", timeout=60) as response:
-            return json.loads(response.read())
+            return bytes(response.read()).decode()
 
     def post(self, name: str, *, steps: int = 1, **body: Any) -> None:
         """Do what a key of the page does, which adds so many steps to the study; a refusal is no step.
@@ -96,6 +108,37 @@ class Visitor:
             time.sleep(0.05)
         return bool(now["phase"] == "over")
 
+    def choose(self, dice: random.Random) -> None:
+        """Choose another result at the end: a simulated θ that nobody was shown."""
+        now, screened = self.get("api/now"), self.get("api/simulated")
+        if now["phase"] == "over" and screened is not None:
+            unseen = [point for point in screened["points"] if point["number"] is None and not point["end"]]
+            theta = dice.choice(unseen)["theta"]
+            self.get(f"api/look?theta={','.join(map(repr, theta))}")
+            self.post("choose", theta=theta, best=now["over"]["best"]["number"] - 1)
+        elif screened is not None:
+            self.step(dice)  # what was killed within a choice is a question again
+        time.sleep(dice.uniform(0.0, 0.3))
+
+    def verify(self, dice: random.Random) -> None:
+        """Verify the result, and judge one of the worst runs or stop early."""
+        self.post("verify", steps=0)
+        if dice.random() < 0.2:
+            time.sleep(dice.uniform(0.0, 1.0))
+            self.post("stop_verifying", steps=0)
+        while (told := self.get("api/verification"))["running"]:
+            time.sleep(0.1)
+        if told["said"] is not None and (worst := told["said"]["worst"]):
+            of = {"run": 0, "seed": worst[0]["seed"], "best": told["said"]["best"]}
+            self.post("judge", steps=0, **of, acceptable=dice.random() < 0.5)
+
+
+AT_THE_END: Mapping[str, Callable[[Visitor, random.Random], None]] = {
+    "choices": Visitor.choose,
+    "verification": Visitor.verify,
+}
+"""What is done again and again once a study of this kind is over."""
+
 
 def steps_in(study: Path) -> tuple[int, bool]:
     """Return how many steps of people a study holds, and whether it is over. It is closed."""
@@ -107,20 +150,45 @@ def steps_in(study: Path) -> tuple[int, bool]:
 
 
 def disagreements(study: Path, visitor: Visitor) -> list[str]:
-    """Return what best.json and a study that is over say of the best experiment, if it is not one thing."""
-    best = None
-    for _ in range(600):  # the report comes soon after the end
-        with suppress(urllib.error.HTTPError, json.JSONDecodeError):  # other errors: it was killed
-            best = visitor.get("report/best.json")
-            break
+    """Return what is said of the best experiment of a study that is over, if it is not one thing.
+
+    The report comes soon after the end, so what disagrees is looked at again for a while.
+    """
+    end, wrong = time.monotonic() + _WAIT, ["nothing was looked at"]
+    while wrong and time.monotonic() < end:
+        with StudyFile.open(study, clock=str, reading=True) as file:
+            index = file.state.history.incumbent or 0
+            theta = list(file.state.history.samples[index].theta)
+        wrong = disagreeing(index + 1, theta, visitor)
         time.sleep(0.1)
-    with StudyFile.open(study, clock=str, reading=True) as file:
-        index = file.state.history.incumbent or 0
-        theta = list(file.state.history.samples[index].theta)
-    if best is None:
-        return ["best.json was not written"]
-    told = list(best["theta"].values())
-    return [] if (told, best["experiment"]) == (theta, index + 1) else [f"best.json: {best}, study: {theta}"]
+    return wrong
+
+
+def disagreeing(number: int, theta: Sequence[float], visitor: Visitor) -> list[str]:
+    """Return what page and files do not say of an experiment of the study, which is its best one."""
+    try:
+        best, seen = json.loads(raw := visitor.text("report/best.json")), visitor.get("api/now")
+        report, sheet = (words_of(visitor.text(f"report/{name}.html")) for name in ("report", "acceptance"))
+        said = visitor.get("api/verification")["said"]
+    except urllib.error.HTTPError as error:  # other errors: it was killed
+        return [f"{error.url}: {error}"]
+    told = {
+        "best.json": (list(best["theta"].values()), best["experiment"]) == (theta, number),
+        "page": seen["over"] is not None and seen["over"]["best"]["number"] == number,
+        "report": re.search(rf"experiment {number} is still the best|best \({number}\)", report) is not None,
+        "sheet": f"experiment {number} unit" in sheet,
+        "verification": said is None or said["best"] == sha256(raw.encode()).hexdigest(),
+        "verification on the sheet": said is None or said["statement"] in sheet,
+    }
+    wrong = [name for name, agrees in told.items() if not agrees]
+    return [f"{', '.join(wrong)}: not of experiment {number} of the study, {theta}"] if wrong else []
+
+
+def words_of(page: str) -> str:
+    """Return the text of a page in one line."""
+    return " ".join(
+        html.unescape(re.sub(r"<(style|svg).*?</\1>|<[^>]+>", " ", page, flags=re.DOTALL)).split()
+    )
 
 
 class Command:
@@ -203,12 +271,39 @@ def kill_one(
             command.kill_in(dice.uniform(0.1, 6.0))
         while not over:
             over = visitor.step(dice)
+        at_the_end = AT_THE_END.get(kind, lambda visitor, dice: None)
+        while kill and kind in AT_THE_END:
+            at_the_end(visitor, dice)
+        at_the_end(visitor, dice)
         return visitor.acknowledged, True, disagreements(study, visitor)
     except (BrokenError, OSError, ValueError, EOFError, HTTPException) as error:
         wrong = command.failure(error, may_end=kill and over)
         return 0 if visitor is None else visitor.acknowledged, False, wrong
     finally:
         command.end()
+
+
+def kill_verify(folder: Path, study: Path, dice: random.Random) -> list[str]:
+    """Kill `prefcal verify` of a result; return what went wrong: its files are whole, and best.json stays."""
+    out = study.with_suffix("")
+    before = (out / "best.json").read_bytes()
+    words = [sys.executable, "-m", "prefcal_app", "verify", str(out / "best.json"), "--runs", "40"]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
+    process = subprocess.Popen(words, cwd=folder, **quiet)
+    wrong = list[str]()
+    try:
+        _, said = process.communicate(timeout=dice.uniform(0.5, 6.0))
+        wrong += (
+            [] if process.returncode == 0 else [f"prefcal verify: {said.decode(errors='replace')[-500:]}"]
+        )
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.communicate()
+    try:
+        Verified.read(out)
+    except ScenarioError as error:
+        wrong.append(str(error))
+    return wrong if (out / "best.json").read_bytes() == before else [*wrong, "best.json changed"]
 
 
 def lost(study: Path, before: int, steps: int) -> tuple[list[str], int, bool]:
@@ -242,7 +337,10 @@ def campaign(kind: str, kills: int, seed: int, folder: Path) -> list[str]:
     for count in range(kills):
         study = folder / f"{kind}-{number}.prefcal"
         # A study that was over at the last kill is looked at to its end: its report must come.
-        steps, ended, failed = kill_one(folder, kind, study, dice, kill=not finished)
+        kill = not finished or (kind in AT_THE_END and dice.random() < 0.6)
+        steps, ended, failed = kill_one(folder, kind, study, dice, kill=kill)
+        if ended and kind == "verification" and not failed:
+            failed = kill_verify(folder, study, dice)
         missing, held, finished = lost(study, held, steps)
         wrong += [f"{kind}, kill {count + 1}: {words}" for words in (*failed, *missing)]
         total, over = total + steps, over + ended

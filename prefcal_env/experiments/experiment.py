@@ -145,7 +145,7 @@ class Channel:
         symbol: Mathtext symbol for plots.
 
     Raises:
-        ExperimentError: If `low` is not below `high`.
+        ExperimentError: If name or unit is no text, `low` is not below `high`, or the band is negative.
     """
 
     name: str
@@ -157,10 +157,18 @@ class Channel:
     symbol: str = ""
 
     def __post_init__(self) -> None:
+        if not (isinstance(self.name, str) and isinstance(self.unit, str)):
+            raise ExperimentError(
+                f"a channel has a name and a unit, as text, got {self.name!r} {self.unit!r}"
+            )
         if not self.low < self.high:
             raise ExperimentError(
                 f"channel {self.name!r}: low must be below high, "
                 f"got [{self.low}, {self.high}] {self.unit}".rstrip()
+            )
+        if self.band is not None and not self.band >= 0:
+            raise ExperimentError(
+                f"channel {self.name!r}: band must be 0 or more, got {self.band} {self.unit}".rstrip()
             )
 
     @property

@@ -116,7 +116,7 @@ class TableColumns:
         end: Why the run ended; None to conclude it from the table.
 
     Raises:
-        SettingsError: If a word in `allow` is unknown or `max_rows` is too small.
+        SettingsError: If a word in `allow` is unknown, a name comes twice, or `max_rows` is too small.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -145,6 +145,8 @@ class TableColumns:
             value = getattr(self, name)
             several = (value,) if isinstance(value, str) else () if value is None else tuple(value)
             object.__setattr__(self, name, several)
+            if twice := [each for each in several if several.count(each) > 1]:
+                raise SettingsError(f"{name} must name each once, got {twice[0]!r} twice")
         unknown = sorted(set(self.allow) - set(ALLOWED))
         if unknown:
             raise SettingsError(f"allow must hold some of {ALLOWED}, got {unknown[0]!r}")

@@ -149,6 +149,8 @@ def numbers(name: str, values: Any) -> Float[np.ndarray, " K"]:
             "stamps, or convert them to seconds"
         )
     try:
+        if np.iscomplexobj(given):  # which would lose its imaginary part
+            raise TypeError("complex")
         found = given.astype(float)
     except (TypeError, ValueError) as error:
         raise ExperimentError(f"{name} must be numbers, got {given.dtype}: {error}") from error

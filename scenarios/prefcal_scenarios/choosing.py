@@ -37,7 +37,7 @@ def choice_of(name: str, config: Mapping[str, Any]) -> Scenario:
 
     Raises:
         RecordError: If the table cannot be read, or leaves nothing to choose.
-        SettingsError: If a column is named twice, or there is no such study.
+        SettingsError: If a column is named twice, or there is no such study; a file holds none.
         MissingExtraError: If what reads it is not installed.
     """
     better: Mapping[str, str] = {}
@@ -45,8 +45,13 @@ def choice_of(name: str, config: Mapping[str, Any]) -> Scenario:
         trials = world("optuna").inside("prefcal_scenarios").trials
         frame, better = trials(name, config.get("of"), config.get("until"))
         source = Rows(sheet_of(frame), config, better)
+    elif config.get("of") is not None:
+        raise SettingsError(f"of names a study in a storage, and {name!r} is a file, got {config['of']!r}")
     else:
-        source = Rows(sheet_of(Path(name)), config, better)
+        try:
+            source = Rows(sheet_of(Path(name)), config, better)
+        except RecordError as error:
+            raise RecordError(f"{name}: {error}") from error
     ids = source.candidates[:, 0]
 
     def violation(theta: Mapping[str, Any]) -> Any:

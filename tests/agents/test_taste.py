@@ -156,12 +156,27 @@ def test_what_cannot_travel_is_refused(plain):
         ([None], [(TABLE[0], TABLE[1])], "an answer must be -1, 0 or 1"),
         ([1], [({"a": "x"}, {"a": 1.0})], "a KPI must be a name and a number"),
         ([1], [TABLE[0]], "a pair of KPIs must be two experiments"),
+        ([1], [3], "a pair of KPIs must be two experiments, got 3"),
+        ([1], 3, "pairs of KPIs must be several, in order, got 3"),
+        ("1", [(TABLE[0], TABLE[1])], "answers must be several, in order, got '1'"),
         ([], [], "a taste needs the KPIs of experiments"),
     ],
 )
 def test_what_is_no_answer_is_refused(answers, kpis, message):
     with pytest.raises(PreferenceError, match=message):
         Taste.learn(answers, kpis)
+
+
+@pytest.mark.parametrize("seed", [-1, 0.5, "a", None, [1]])
+def test_a_seed_that_is_none_is_refused(seed):
+    with pytest.raises(PreferenceError, match="seed must be an integer, 0 or more"):
+        Taste.learn([1], [(TABLE[0], TABLE[1])], seed=seed)
+
+
+@pytest.mark.parametrize("table", [3, True, "abc", {"a": 1.0}])
+def test_a_table_that_is_none_is_refused(taste, table):
+    with pytest.raises(PreferenceError, match="a table must be several, in order, got"):
+        taste.rank(table)
 
 
 def test_a_kpi_that_is_not_given_is_named(taste):

@@ -410,6 +410,8 @@ def choose(typed: Mapping[str, Any]) -> int:
     name, config = typed["table"], {key: listed(typed.get(key, ())) for key in ("lower", "higher", "kpis")}
     if not is_table(name):
         raise RecordError(f"expected a table ({', '.join(TABLES)}) or the URL of a storage, got {name!r}")
+    if empty := [key for key, names in config.items() if key in typed and not names]:
+        raise SettingsError(f"--{empty[0]} must name a column, got {', '.join(typed[empty[0]])!r}")
     config = {key: value for key, value in {**config, "of": typed.get("of")}.items() if value}
     source = joined_source(name, config) if config else name
     wanted = {option: typed[option] for option in CHOOSING if option in typed}

@@ -328,6 +328,9 @@ def _names(sheet: Sheet, about: TableColumns) -> dict[str, int]:
     for name in (*about.outputs, *about.inputs, *about.reference):
         if name not in names:
             names[name] = sheet.column(name, "")  # says which there are
+    for name in about.units:
+        if name not in {"time", *names}:
+            sheet.column(name, "")
     return names
 
 

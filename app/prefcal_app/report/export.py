@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.arrays import is_number
 from prefcal_env.errors import ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import Controller, End
 from prefcal_env.knobs import KnobSpace
@@ -150,10 +151,10 @@ def tuning_of(path: str | Path) -> BestTuning:
     scenario = _loaded(content, path)
     theta = _values(scenario, content["theta"], path)
     refuse_outdated(Path(path), content)
-    before = content.get("before") or {}
+    before = content.get("before", {})
     start = before.get("theta")
     known = None if start is None else _values(scenario, start, path)
-    kpis = {name: value for name, value in content.get("kpis", {}).items() if value is not None}
+    kpis = {name: value for name, value in content.get("kpis", {}).items() if is_number(value)}
     own, end = is_own(content["scenario"]), _end(content, path)
     return BestTuning(scenario, theta, known, str(before.get("what", "")), kpis, end, own, digest)
 
@@ -175,11 +176,11 @@ def _widened(space: KnobSpace, ranges: Mapping[str, Any]) -> KnobSpace:
 
 def _loaded(content: Mapping[str, Any], path: str | Path) -> Scenario:
     """Return the scenario of a best.json with the ranges of its study."""
-    above, study = Path(path).resolve().parent, (content.get("origin") or {}).get("study")
-    places = [above, *above.parents, *([Path(study).parent] if study else [])]
+    above, study = Path(path).resolve().parent, content.get("origin", {}).get("study")
+    places = [above, *above.parents, *([Path(str(study)).parent] if study else [])]
     scenario = load(_moved(content["scenario"], places))
     for knob in scenario.space:
-        unit = content.get("units", {}).get(knob.name, knob.unit)
+        unit = str(content.get("units", {}).get(knob.name, knob.unit))
         if not same(unit, knob.unit):
             raise ScenarioError(
                 f"theta in {str(path)!r} does not fit: knob {knob.name!r} is in {named(unit)} there, and in "
@@ -187,7 +188,7 @@ def _loaded(content: Mapping[str, Any], path: str | Path) -> Scenario:
             )
     try:
         return with_ranges(scenario, _widened(scenario.space, content.get("ranges", {})))
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ScenarioError(f"theta in {str(path)!r} does not fit: {error}") from error
 
 
@@ -195,11 +196,11 @@ def _values(scenario: Scenario, theta: Any, path: str | Path) -> Float[np.ndarra
     """Return the values of θ in a best.json, shape (n,)."""
     if not isinstance(theta, Mapping) or list(theta) != list(scenario.space.names):
         raise ScenarioError(
-            f"theta in {str(path)!r} must name the knobs {list(scenario.space.names)}, got {theta}"
+            f"theta in {str(path)!r} must name the knobs {list(scenario.space.names)}, got {theta!s:.200}"
         )
     try:
         return scenario.space.check(np.array(list(theta.values()), dtype=float))
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ScenarioError(f"theta in {str(path)!r} does not fit: {error}") from error
 
 
@@ -218,6 +219,10 @@ def jsonable(value: Any) -> Any:
     return value if isinstance(value, (bool, int, float, str, type(None))) else str(value)
 
 
+_KINDS = {"scenario": str, **dict.fromkeys(("units", "ranges", "kpis", "before", "origin"), dict)}
+"""Type of what is read of a best.json, where it is there."""
+
+
 def _read(path: Path) -> tuple[dict[str, Any], str]:
     """Return the content of a best.json and the SHA-256 of the same bytes."""
     try:
@@ -230,6 +235,10 @@ def _read(path: Path) -> tuple[dict[str, Any], str]:
         raise ScenarioError(f"{str(path)!r} is not a best.json: it lacks {sorted(missing)}")
     if content["format"] != FORMAT:
         raise ScenarioError(f"{str(path)!r} has format {content['format']}, this prefcal reads {FORMAT}")
+    for name, kind in _KINDS.items():
+        if not isinstance(content.get(name, kind()), kind):
+            what = "text" if kind is str else "a table"
+            raise ScenarioError(f"{name!r} in {str(path)!r} must be {what}, got {content[name]!r:.80}")
     return dict(content), sha256(read).hexdigest()
 
 

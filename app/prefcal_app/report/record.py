@@ -175,7 +175,7 @@ def refuse_outdated(best: Path, content: Mapping[str, Any]) -> None:
         StaleError: If the best of the study is another one.
     """
     owner = _read(best.parent / MARKER)
-    name = owner.get("study") or (content.get("origin") or {}).get("study")
+    name = owner.get("study") or content.get("origin", {}).get("study")
     above, theta = best.resolve().parent, np.array(list(content["theta"].values()))
     with suppress(StudyError, StopIteration):
         places = (place / study_path(str(name)) for place in (Path(), above, *above.parents))

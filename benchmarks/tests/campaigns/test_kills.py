@@ -4,7 +4,9 @@ The same in full: python benchmarks/campaigns/kills.py
 """
 
 import importlib
+import json
 import random
+from hashlib import sha256
 from pathlib import Path
 
 import pytest
@@ -66,3 +68,34 @@ def test_a_mark_changes_something(kills, set_already):
     marked = [body["on"] for name, body in posts if name == "mark"]
     assert marked
     assert set(marked) == {not set_already}
+
+
+BEST = '{"experiment": 2, "theta": {"a": 1.0}}'
+SHEET = "Acceptance sheet <th>experiment 2</th> <th>unit</th> all kept"
+DIGEST = sha256(BEST.encode()).hexdigest()
+AGREEING = {
+    "report/best.json": BEST,
+    "report/report.html": "<style>(9)</style><th>best (2)</th>",
+    "report/acceptance.html": SHEET,
+    "api/now": '{"over": {"best": {"number": 2}}}',
+    "api/verification": json.dumps({"said": {"best": DIGEST, "statement": "all kept"}}),
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "what"),
+    [
+        ("report/best.json", BEST.replace("1.0", "1.5"), "best.json, verification"),
+        ("report/report.html", "<th>best (9)</th>", "report"),
+        ("report/acceptance.html", SHEET.replace("2", "1"), "sheet"),
+        ("report/acceptance.html", SHEET.replace("kept", ""), "verification on the sheet"),
+        ("api/now", '{"over": null}', "page"),
+        ("api/verification", '{"said": {"best": "0", "statement": "all kept"}}', "verification"),
+    ],
+)
+def test_what_is_not_of_the_best_experiment_is_told(kills, name, text, what):
+    visitor, held = kills.Visitor.__new__(kills.Visitor), AGREEING
+    visitor.text = lambda name: held[name]
+    assert kills.disagreeing(2, [1.0], visitor) == []
+    held = AGREEING | {name: text}
+    assert kills.disagreeing(2, [1.0], visitor) == [f"{what}: not of experiment 2 of the study, [1.0]"]

@@ -183,6 +183,9 @@ def test_it_can_begin_with_the_row_in_use(done, person, tmp_path):
         ("a,b\nx,2\ny,4\n", ("--lower", "a"), "column 'a': expected a number, got 'x'"),
         ("a,b\n1,5\n2,5\n", ("--lower", "b"), "The same in all, so it does not count: b"),
         ("a,b\n1,2\n3,4\n", ("--n-max", "3"), "--n-max must be at most 2"),
+        ("\x81\0", (), "t.csv: the file is neither text nor Parquet nor a workbook"),
+        ("a,b\n1,2\n3,4\n", ("--lower", ","), "--lower must name a column, got ','"),
+        ("a,b\n1,2\n3,4\n", ("--of", "mine"), "'t.csv' is a file, got 'mine'"),
     ],
 )
 def test_what_cannot_be_chosen_from_is_refused_with_the_reason(refused, tmp_path, content, words, said):

@@ -23,6 +23,7 @@ CALLS = [
     ("calibrate missing.py:toy", "no file"),
     ("calibrate TOY --agent glips", "--agent must be one of screening", "Did you mean 'glisp'?"),
     ("calibrate TOY --calibrator synthtic", "--calibrator must be one of human, ", "'synthetic'?"),
+    ("calibrate lag --calibrator ideel", " more for scenario 'lag'", "'ideal'?"),
     ("calib", "no such command 'calib'. Did you mean 'calibrate'?"),
     ("nonsense", "no such command 'nonsense'", "calibrate, choose, new, check, look, report, "),
     ("calibrate TOY --nmax 3", "no such option: --nmax", "--n-max"),

@@ -88,6 +88,12 @@ def test_an_export_never_overwrites_its_study(prefcal, refused, study, tmp_path)
     assert path.read_bytes() == before
 
 
+@pytest.mark.parametrize("text", ["{}", "[", "3", '{"events": -1.5, "prefcal study": 2}'])
+def test_what_is_no_export_is_named(refused, tmp_path, text):
+    (tmp_path / "theirs.json").write_text(text)
+    assert "theirs.json: this is not an exported study" in refused("studies", "import", "theirs.json")
+
+
 def test_an_import_never_overwrites_a_study(prefcal, refused, study):
     prefcal("studies", "export", "mine")
     assert "mine.prefcal already: name this one with --study" in refused("studies", "import", "mine.json")

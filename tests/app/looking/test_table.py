@@ -160,6 +160,7 @@ def test_the_reference_of_what_is_no_output_is_refused(tmp_path, reading):
         {"inputs": ("nix",)},
         {"columns": {"a": "nix"}},
         {"reference": {"nix": "2"}},
+        {"units": {"nix": "m"}},
         {"reference": {"level": "nix"}},
     ],
 )

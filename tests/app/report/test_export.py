@@ -88,6 +88,13 @@ def test_other_settings_than_todays_are_refused_unless_wanted(best):
         ({"theta": {"T_s": 1.0}}, ScenarioError, "must name the knobs"),
         ({"theta": {"T_s": 9.0, "N_p": 4, "gain": 1.0}}, ScenarioError, "must be in"),
         ({"theta": {"T_s": "x", "N_p": 4, "gain": 1.0}}, ScenarioError, "does not fit"),
+        ({"theta": {"T_s": 10**400, "N_p": 4, "gain": 1.0}}, ScenarioError, "does not fit"),
+        ({"theta": "x" * 3000}, ScenarioError, r"must name the knobs .* got x{200}$"),
+        ({"ranges": {"T_s": [0.1, 10**400]}}, ScenarioError, "does not fit"),
+        ({"scenario": 3}, ScenarioError, r"'scenario' in .*best\.json' must be text, got 3"),
+        ({"units": []}, ScenarioError, r"'units' in .* must be a table, got \[\]"),
+        ({"units": {"T_s": 3}}, ScenarioError, "knob 'T_s' is in 3 there"),
+        ({"origin": "mine"}, ScenarioError, "'origin' in .* must be a table, got 'mine'"),
         ({"units": {"T_s": "min"}}, ScenarioError, "knob 'T_s' is in min there, and in h in scenario"),
     ],
 )

@@ -114,6 +114,19 @@ def test_interrupted_ends():
     assert [e.interrupted for e in End] == [e in stopped for e in End]
 
 
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"name": 3}, "a name and a unit, as text, got 3"),
+        ({"name": "force", "unit": 3}, "a name and a unit, as text, got 'force' 3"),
+        ({"name": "force", "unit": "N", "band": -1}, "'force': band must be 0 or more, got -1 N"),
+    ],
+)
+def test_a_channel_that_cannot_be_is_refused(given, words):
+    with pytest.raises(ExperimentError, match=words):
+        Channel(**given)
+
+
 def test_a_channel_with_crossed_limits_is_refused():
     with pytest.raises(ExperimentError, match=r"'force': low must be below high, got .* N"):
         Channel("force", "N", low=1.0, high=0.0)

@@ -42,6 +42,7 @@ cube = st.lists(st.floats(0, 1), min_size=3, max_size=3).map(np.array)
         ({"low": 0.0, "high": 1.0, "scale": "log"}, "scale must be one of"),
         ({"low": 0.5, "high": 3.0, "integer": True}, "integer bounds"),
         ({"low": 0, "high": 3, "integer": "yes"}, "integer must be True or False, got 'yes'"),
+        ({"low": 0, "high": 3, "unit": 3}, "unit must be text, got 3"),
     ],
 )
 def test_an_impossible_knob_is_refused_with_name_value_and_unit(arguments, message):

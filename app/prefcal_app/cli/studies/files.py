@@ -445,7 +445,10 @@ def import_study(source: Path, name: str | None) -> Path:
     target = study_path(source.stem if name is None else name)
     if target.exists():
         raise StudyError(f"there is a study {target} already: name this one with --study")
-    import_json(text, target)
+    try:
+        import_json(text, target)
+    except StudyError as error:
+        raise StudyError(f"{source}: {error}") from error
     return target
 
 
