@@ -22,7 +22,7 @@ from prefcal_env.study.file import data_folder
 from prefcal_scenarios.names import is_built_in
 from prefcal_scenarios.runs import grouped
 from prefcal_scenarios.scenario import KPI
-from prefcal_scenarios.wording import limits_text, measured_texts, with_unit
+from prefcal_scenarios.wording import limits_text, meaning, measured_texts, with_unit
 
 # --- Compare two experiments KPI by KPI, what tells them apart first, for page and terminal.
 
@@ -124,7 +124,7 @@ def _row(pair: _Pair, size: float) -> dict[str, Any]:
 
 def _words(kpi: KPI, objective: str) -> dict[str, str]:
     """Return what a KPI is called, and what it should be."""
-    return {"title": kpi.title, "about": kpi.about, "unit": kpi.unit, "objective": objective}
+    return {"title": kpi.title, "about": meaning(kpi), "unit": kpi.unit, "objective": objective}
 
 
 def _size(pair: _Pair, spread: Spread) -> float:

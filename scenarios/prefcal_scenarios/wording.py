@@ -85,6 +85,17 @@ def limits_text(kpi: KPI) -> str:
     return f"{words} {kpi.unit}".strip() if words else ""
 
 
+def meaning(kpi: KPI) -> str:
+    """Return what a KPI means, and what studies aim at where that is not its limit."""
+    if kpi.aim is None:
+        return kpi.about
+    aims = (
+        f"Of simulated tunings, those with {number(kpi.aim)} or {kpi.goal} come first, unless that costs an "
+        "objective: a tenth of the limit is left for plants that differ."
+    )
+    return f"{kpi.about} {aims}".lstrip()
+
+
 INTERRUPTED = "unsafe: run interrupted"
 """Text for an experiment that counts as unsafe although no person marked it."""
 

@@ -300,7 +300,7 @@ def _miss_words(kpi: KPI) -> str:
 
 def _kept_margin(kpi: KPI, value: float) -> str:
     """Return whether a margin keeps its limit, and whether a tenth is left of that, in words."""
-    room = 1.1 * kpi.at_least <= value <= 0.9 * kpi.at_most
+    room = kpi.aim is None or kpi.badness(value) <= kpi.badness(kpi.aim)
     verdict = (
         "NOT kept" if not kpi.met(value) else "kept" if room else "kept, with less than a tenth to spare"
     )
