@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from math import isinf
 
 from prefcal_agents.result import Influence, SmallerChange
 from prefcal_agents.screening.agent import MOST, Certificate
@@ -176,18 +177,37 @@ def robust(found: RobustResult, scenario: Scenario) -> Iterator[str]:
         yield "Robustness costs nothing: no simulated θ that does not hold promises more."
 
 
-def menu_names(menu: Sequence[Alternative], scenario: Scenario) -> list[str]:
-    """Return the name of each θ on the menu, by the KPI that it gains, none twice if possible.
+def menu_names(
+    menu: Sequence[Alternative],
+    kpis: Sequence[Mapping[str, float]],
+    result: Mapping[str, float],
+    scenario: Scenario,
+) -> list[str]:
+    """Return the name of each θ on the menu: the KPI that it gains, and what that costs most.
+
+    It is empty for one that reads better than the result in no KPI, or that has the name of another one.
 
     Args:
         menu: θ that the person might prefer to the result.
+        kpis: KPIs of each as people read them, by name, lower is better.
+        result: Those of the result.
         scenario: Scenario that has the titles of the KPIs.
     """
     named, found = _namer(scenario), list[str]()
-    for other in menu:
-        names = [named(name, True) for name in other.better_in] or ["another"]
-        found.append(next((name for name in names if name not in found), names[0]))
+    both_ways = {kpi.name for kpi in scenario.kpis if kpi.of}  # what is higher is no price there
+    for other, own in zip(menu, kpis, strict=True):
+        gains = dict.fromkeys(n for n in (*other.better_in, *own) if own[n] < result[n])
+        prices = [n for n in own if own[n] > result[n] and n not in both_ways]
+        price = max(prices, key=lambda n: _dearer(own[n], result[n]), default="")
+        but = f", but {named(price, False)}" if price else ""
+        names = [f"{named(name, True)}{but}" for name in gains]
+        found.append(next((name for name in names if name not in found), ""))
     return found
+
+
+def _dearer(ours: float, theirs: float) -> float:
+    """Return how much more one value is than another, as a share of the larger one."""
+    return 1.0 if isinf(ours) else (ours - theirs) / max(abs(ours), abs(theirs))
 
 
 def wanted(wishes: Mapping[str, float], scenario: Scenario) -> str:

@@ -63,17 +63,28 @@ def smaller_view(interview: Interview, found: Findings | None) -> list[float] | 
 
 
 def menu_view(interview: Interview) -> list[dict[str, Any]]:
-    """Return simulated θ that the person might prefer to the result; those shown are left out."""
+    """Return simulated θ that the person might prefer to the result.
+
+    Those that were shown are left out, and those that gain nothing that can be read.
+    """
     screened, found = interview.known.screened(), interview.known.findings
     if screened is None or found is None or not found.explained:
         return []
-    shown = {screened.row(np.array(s.theta)) for s in interview.now().state.history.samples}
-    names = menu_names(found.menu, interview.scenario)
-    rows = [screened.row(np.array(other.theta)) for other in found.menu]
+    now = interview.now()
+    samples = now.state.history.samples
+    shown = {screened.row(np.array(sample.theta)) for sample in samples}
+    best = None if now.incumbent is None else screened.row(np.array(samples[now.incumbent].theta))
+    placed = [(other, screened.row(np.array(other.theta))) for other in found.menu]
+    kept = [(other, row) for other, row in placed if row is not None and row not in shown]
+    if best is None:
+        return []
+    tables = [dict(zip(screened.bank.names, screened.bank.kpis[row], strict=True)) for _, row in kept]
+    result = dict(zip(screened.bank.names, screened.bank.kpis[best], strict=True))
+    names = menu_names([other for other, _ in kept], tables, result, interview.scenario)
     return [
         {"name": name, "theta": list(other.theta), "row": row}
-        for name, other, row in zip(names, found.menu, rows, strict=True)
-        if row is not None and row not in shown
+        for name, (other, row) in zip(names, kept, strict=True)
+        if name
     ]
 
 

@@ -180,6 +180,7 @@ def test_the_end_leads_to_the_answer_that_matters_and_to_other_candidates(browse
         return replace(known, influences=(decisive,), best=0, menu=menu, smaller=smaller)
 
     monkeypatch.setattr(findings, "_explain_result", told)
+    called(monkeypatch)
     watched = Watched(browser)
     watched.open(screen(n_max=3).link)
     page = watched.page
@@ -209,6 +210,16 @@ def test_the_end_leads_to_the_answer_that_matters_and_to_other_candidates(browse
     assert watched.errors == []
 
 
+def called(monkeypatch):
+    """Let the θ on the menu be called by what they are said to gain, whatever they cost."""
+    words = {"t_f": "lower settling time t_f", "final": "final level nearer to its target"}
+
+    def names(menu, *_):
+        return [words[other.better_in[0]] for other in menu]
+
+    monkeypatch.setattr("prefcal_app.view.end.menu_names", names)
+
+
 @pytest.fixture
 def menu(browser, screen, monkeypatch):
     """The end of a study whose menu names two others."""
@@ -222,6 +233,7 @@ def menu(browser, screen, monkeypatch):
         return replace(known, menu=tuple(map(Alternative, thetas, (("t_f",), ("final",)))))
 
     monkeypatch.setattr(findings, "_explain_result", told)
+    called(monkeypatch)
     served = screen(n_max=3)
 
     def ended(**options):
