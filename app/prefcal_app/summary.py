@@ -241,7 +241,7 @@ older one need not be the best so far, since follow-up comparisons can be about 
 class Counts:
     """Counts of a study that every front end, the report and the JSON show."""
 
-    experiments: int  # number of experiments that ran, including that of the open question
+    experiments: int  # number of experiments that were shown; at the end, of those with an answer
     comparisons: int  # number of standing answers about two experiments, including follow-up comparisons
     # number of comparisons by preference; they add up to `comparisons`
     verdicts: Mapping[Preference | None, int]
@@ -251,7 +251,9 @@ class Counts:
         """Return the counts of a study. A repeated question is not a new comparison."""
         given = [c.answer.preference for c in answered(state)]
         verdicts = {verdict: given.count(verdict) for verdict in (*Preference, None)}
-        return cls(len(state.finished), len(given), verdicts)
+        # What ran ahead of the answers is only shown with its own question, which an end takes away.
+        shown = state.history.answered + (not state.ended)
+        return cls(sum(index < shown for index in state.finished), len(given), verdicts)
 
 
 @dataclass(frozen=True, slots=True)

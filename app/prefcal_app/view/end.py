@@ -12,7 +12,7 @@ from prefcal_agents.people import Bank
 from prefcal_agents.result import between, unbeaten
 from prefcal_agents.screening.findings import Findings
 from prefcal_app.session import Interview, Now, Outlook, Question, Side
-from prefcal_app.session.study import is_robust
+from prefcal_app.session.study import is_robust, why_over
 from prefcal_app.simulating import Screened, as_shown, at_stake, menu_names, offer, why
 from prefcal_app.summary import Spread, after_a_slip, compared, unmeasured
 from prefcal_env.experiments.experiment import Experiment
@@ -267,6 +267,7 @@ def over_view(
     """Return OVER for the page; `best` is the best experiment in numbers."""
     return {
         "reason": now.state.ended,
+        "words": why_over(now.state.ended or "", interview.known.findings),
         "best": best,
         "gain": None if now.incumbent is None else _gain(interview, now.incumbent, now, seen),
         "report": report_view(report),

@@ -10,6 +10,7 @@ from prefcal_agents.screening import findings
 from prefcal_agents.screening.agent import Certificate, Screening
 from prefcal_agents.screening.findings import Findings, Reason, RobustResult
 from prefcal_app.session import Choice, Phase, actions
+from prefcal_app.session.study import ENOUGH, why_over
 from prefcal_app.simulating import offer, promise, told
 from prefcal_app.simulating.why import percent, robust
 from prefcal_app.view.end import smaller_view
@@ -184,6 +185,15 @@ CERTIFIED = Certificate(0.06, 0.95, 0.3, (1.0,))
 
 def certified(certificate, chance=0.08, simulated=940):
     return Findings(False, simulated, chance_of_better=chance, certificate=certificate)
+
+
+def test_why_a_study_is_over_does_not_contradict_what_is_said_of_its_result():
+    # "Little is left" stood beside a chance of 30 % that the most promising one is noticeably better.
+    assert why_over(ENOUGH, certified(CERTIFIED)) == (
+        "enough answers, fewer than 6 % of random θ are noticeably better"
+    )
+    assert why_over(ENOUGH) == why_over(ENOUGH, certified(replace(CERTIFIED, share=None))) == "enough answers"
+    assert why_over("stopped", certified(CERTIFIED)) == "stopped"
 
 
 def test_from_the_second_answer_on_it_states_what_holds_for_people_unlike_the_draws():
