@@ -237,11 +237,15 @@ VERDICTS: Mapping[Preference | None, str] = {
 older one need not be the best so far, since follow-up comparisons can be about other runs."""
 
 
+ENOUGH = "little is left to gain"
+"""Why a study ends before its last question."""
+
+
 @dataclass(frozen=True, slots=True)
 class Counts:
     """Counts of a study that every front end, the report and the JSON show."""
 
-    experiments: int  # number of experiments that were shown; at the end, of those with an answer
+    experiments: int  # number of experiments that ran, including that of the open question; see `tried`
     comparisons: int  # number of standing answers about two experiments, including follow-up comparisons
     # number of comparisons by preference; they add up to `comparisons`
     verdicts: Mapping[Preference | None, int]
@@ -251,9 +255,13 @@ class Counts:
         """Return the counts of a study. A repeated question is not a new comparison."""
         given = [c.answer.preference for c in answered(state)]
         verdicts = {verdict: given.count(verdict) for verdict in (*Preference, None)}
-        # What ran ahead of the answers is only shown with its own question, which an end takes away.
-        shown = state.history.answered + (not state.ended)
-        return cls(sum(index < shown for index in state.finished), len(given), verdicts)
+        return cls(len(tried(state)), len(given), verdicts)
+
+
+def tried(state: State) -> list[int]:
+    """Return the experiments that ran, in order, without one that ran ahead of an answer that was enough."""
+    asked = state.history.answered if state.ended == ENOUGH else len(state.history.samples)
+    return [index for index in sorted(state.finished) if index < asked]
 
 
 @dataclass(frozen=True, slots=True)

@@ -382,14 +382,6 @@ class StudyRecord:
         return why_over(self.ended)
 
     @property
-    def shown(self) -> int:
-        """Return how many experiments were answered about: one may have run ahead that nobody saw."""
-        sides = {
-            side.index for c in self.comparisons for side in (c.query.challenger, c.query.incumbent) if side
-        }
-        return len(sides)
-
-    @property
     def reached(self) -> str:
         """Return how many experiments ran, and how many of them wait for their answer, in words."""
         compared = {c.query.challenger.index for c in self.comparisons}

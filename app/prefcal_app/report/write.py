@@ -117,7 +117,7 @@ def data_uri(content: bytes) -> str:
 
 def lead(record: StudyRecord) -> str:
     """Return what the study consists of, as a sentence without its period."""
-    tried = f"{record.shown} experiments"
+    tried = f"{len(record.trials)} experiments"
     if record.scored:
         return f"Calibrated by its score, without comparisons: {tried}"
     verdicts = ", ".join(f"{words} {n}" for words, n in record.verdict_counts().items())
@@ -160,7 +160,7 @@ def answers(record: StudyRecord) -> Answers:
     made = f", fingerprint of the scenario {digits}" if digits else ""
     promise, told = ("", ()) if record.outlook is None else (record.outlook.promise, record.outlook.result)
     found = {
-        "Who answered": f"{record.shown} experiments, {record.questions} comparisons by "
+        "Who answered": f"{len(record.trials)} experiments, {record.questions} comparisons by "
         f"{by or 'a score'}{each}{partial}.{digest}",
         "On which model": f"{record.source}{made}, prefcal {versions()['prefcal']}.",
         "Enough answers": promise

@@ -19,6 +19,7 @@ from prefcal_agents.registry import CLASSES
 from prefcal_agents.screening.agent import Screening
 from prefcal_agents.screening.findings import Findings
 from prefcal_app.simulating import Simulated, Simulator, simulates
+from prefcal_app.summary import ENOUGH as ENOUGH
 from prefcal_env.compiling import Compiling
 from prefcal_env.errors import StudyError
 from prefcal_env.experiments.experiment import Channels, End, Experiment
@@ -254,8 +255,6 @@ class Now:
 
 PERSON = "human"
 """Who answers, in the configuration of a study."""
-ENOUGH = "little is left to gain"
-"""Why a study ends before its last question."""
 ALL_COMPARED = "all compared"
 """Why a study ends after its last question."""
 _SIDES, _REPEATS = 11, 12  # streams of the study's seed; agents use other ones

@@ -130,12 +130,14 @@ def map_view(interview: Interview) -> dict[str, Any] | None:
         index: screened.row(np.array(now.state.history.samples[index].theta))
         for index in sorted(now.state.finished)
     }
+    # Of a time, what has no value never happened.
+    time_unit = interview.past.experiment(min(rows)).channels.time_unit if rows else ""
     numbers = {row: index + 1 for index, row in rows.items() if row is not None}
     sides = {} if question is None else {"left": question.left, "right": question.right}
     best = None if now.incumbent is None else rows.get(now.incumbent)
     return {
         "version": now.version,
-        "axes": [axis.as_json() for axis in axes],
+        "axes": [axis.as_json(time_unit) for axis in axes],
         "chosen": _chosen(screened, axes),
         "points": _points(screened, axes, scenario, numbers),
         "best": best,
@@ -164,13 +166,14 @@ class _Axis:
     def title(self) -> str:
         return self.of.name if isinstance(self.of, Knob) else self.of.title
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self, time_unit: str) -> dict[str, Any]:
         return {
             "title": self.title,
             "unit": self.of.unit,
             "log": self.log,
             "knob": isinstance(self.of, Knob),
             "about": self.of.about,
+            "time": isinstance(self.of, KPI) and bool(time_unit) and self.of.unit == time_unit,
         }
 
 

@@ -50,14 +50,6 @@ def test_a_partial_report_says_that_an_experiment_waits_for_its_answer():
     assert "The study was stopped after 7 of 8 experiments." in page(left, [])
 
 
-def test_what_ran_ahead_and_was_never_shown_is_not_counted():
-    record = toy_record(stop_after=4)
-    ahead = replace(record, waiting={4: record.trials[0].experiment}, ended="little is left to gain")
-    assert len(ahead.trials) == 5
-    assert dict(answers(ahead))["Who answered"].startswith("4 experiments, 3 comparisons by ")
-    assert "Ended after 4 of at most 8 experiments" in page(ahead, [])
-
-
 def test_a_study_that_ends_by_itself_or_by_a_good_best_is_no_partial_one():
     left = toy_record(stop_after=4)
     assert "the study is not complete" in dict(answers(left))["Who answered"]

@@ -33,17 +33,6 @@ def asked(now):
     return question.id, question.challenger.experiment.theta.tolist(), question.incumbent.index
 
 
-def test_an_experiment_without_an_answer_does_not_count_at_the_end():
-    interview = started(ahead=True)
-    interview.do(actions.Answer(worked(interview).question.id, Choice.LEFT))
-    now = worked(interview)
-    assert (now.phase, len(now.state.finished)) == (Phase.QUESTION, 3)
-    assert interview.known.counts.experiments == 3
-    interview.do(actions.Finish())
-    counts = interview.known.counts
-    assert (counts.experiments, counts.comparisons) == (2, 1)
-
-
 def test_a_study_without_prefetching_is_the_same_as_one_with_it():
     plain, ahead = started(), started(ahead=True)
     now, same = proceed(plain), worked(ahead)

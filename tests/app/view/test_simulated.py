@@ -81,6 +81,7 @@ def test_the_picture_has_every_simulated_theta_in_values_that_people_see(says):
     assert titles == ["settling time t_f", "final level: distance from its target", "T_s", "N_p", "gain"]
     assert [axis["knob"] for axis in view["axes"]] == [False, False, True, True, True]
     assert view["axes"][4]["log"]
+    assert [axis["time"] for axis in view["axes"][:2]] == [True, False]  # what has no time was never there
     assert view["chosen"] == [1, 0]  # what was learned, then what else differs
     for point in view["points"]:
         run = toy.run(point["theta"])
