@@ -8,6 +8,7 @@ from prefcal_agents.result import Influence, SmallerChange
 from prefcal_agents.screening.agent import MOST, Certificate
 from prefcal_agents.screening.bank import ENOUGH
 from prefcal_agents.screening.findings import Alternative, Findings, Reason, RobustResult
+from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.sources.varied import BEYOND
 from prefcal_scenarios.scenario import Scenario
@@ -158,13 +159,24 @@ def _held(kept: int, which: str, scenario: Scenario) -> str:
     return f"{which} does not hold: perturbed run {kept + 1} of {ENOUGH} does not {lost}."
 
 
+def _perturbed(scenario: Scenario) -> str:
+    """Return what perturbed runs vary, and what `prefcal verify` varies beside, in the words of its table."""
+    try:
+        factors = scenario.source.elsewhere.here.varied().factors
+    except ScenarioError:  # its files may have changed since
+        more = _listed(list(BEYOND.values()))
+        return f"They vary the plant and the noise; prefcal verify (V) varies {more}, too."
+    own, others = ([f.name for f in factors if f.robust == one] for one in (True, False))
+    and_more = f"; prefcal verify (V) also varies {_listed(others)}" if others else ""
+    return f"They vary {_listed([*own, 'the seed of the noise'])}{and_more}."
+
+
 def robust(found: RobustResult, scenario: Scenario) -> Iterator[str]:
     """Yield how the result holds and what that costs, a sentence each."""
     yield _held(found.kept, "The result", scenario)
     if found.kept < ENOUGH:
         return  # nothing was paid
-    more = _listed(list(BEYOND.values()))
-    yield f"They vary the plant and the noise; prefcal verify (V) varies {more}, too."
+    yield _perturbed(scenario)
     kpis, parts = {kpi.name: kpi for kpi in scenario.kpis}, list[str]()
     for name, share in found.costs:
         if share is None or share >= _LEAST:
