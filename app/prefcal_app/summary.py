@@ -22,7 +22,7 @@ from prefcal_env.study.file import data_folder
 from prefcal_scenarios.names import is_built_in
 from prefcal_scenarios.runs import grouped
 from prefcal_scenarios.scenario import KPI
-from prefcal_scenarios.wording import limits_text, measured_texts, with_unit
+from prefcal_scenarios.wording import limits_text, meaning, measured_texts, with_unit
 
 # --- Compare two experiments KPI by KPI, what tells them apart first, for page and terminal.
 
@@ -124,7 +124,7 @@ def _row(pair: _Pair, size: float) -> dict[str, Any]:
 
 def _words(kpi: KPI, objective: str) -> dict[str, str]:
     """Return what a KPI is called, and what it should be."""
-    return {"title": kpi.title, "about": kpi.about, "unit": kpi.unit, "objective": objective}
+    return {"title": kpi.title, "about": meaning(kpi), "unit": kpi.unit, "objective": objective}
 
 
 def _size(pair: _Pair, spread: Spread) -> float:
@@ -237,11 +237,15 @@ VERDICTS: Mapping[Preference | None, str] = {
 older one need not be the best so far, since follow-up comparisons can be about other runs."""
 
 
+ENOUGH = "little is left to gain"
+"""Why a study ends before its last question."""
+
+
 @dataclass(frozen=True, slots=True)
 class Counts:
     """Counts of a study that every front end, the report and the JSON show."""
 
-    experiments: int  # number of experiments that ran, including that of the open question
+    experiments: int  # number of experiments that ran, including that of the open question; see `tried`
     comparisons: int  # number of standing answers about two experiments, including follow-up comparisons
     # number of comparisons by preference; they add up to `comparisons`
     verdicts: Mapping[Preference | None, int]
@@ -251,7 +255,13 @@ class Counts:
         """Return the counts of a study. A repeated question is not a new comparison."""
         given = [c.answer.preference for c in answered(state)]
         verdicts = {verdict: given.count(verdict) for verdict in (*Preference, None)}
-        return cls(len(state.finished), len(given), verdicts)
+        return cls(len(tried(state)), len(given), verdicts)
+
+
+def tried(state: State) -> list[int]:
+    """Return the experiments that ran, in order, without one that ran ahead of an answer that was enough."""
+    asked = state.history.answered if state.ended == ENOUGH else len(state.history.samples)
+    return [index for index in sorted(state.finished) if index < asked]
 
 
 @dataclass(frozen=True, slots=True)

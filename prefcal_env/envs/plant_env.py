@@ -313,6 +313,7 @@ class PlantEnv(gym.Env[Array, Array]):
         panels = len(self._tracked) + len(plant.inputs)
         self._canvas = Canvas(plant.name, f"time [{plant.time_unit}]", panels)
         self._episode: Trajectory | None = None
+        self._held: list[U] = []  # what acted in each period: the record has what was asked for
         self._end: End | None = None
         self._T_s, self._steps = task.T_s, 0
         self._t, self._x, self._u, self._reached = 0.0, task.x0, task.u0, task.u0
@@ -363,7 +364,7 @@ class PlantEnv(gym.Env[Array, Array]):
             raise PlantError(f"the initial state x0 is unsafe: {x0}")
         self._T_s, self._steps, self._end = T_s, 0, None
         self._t, self._x, self._u, self._reached = 0.0, x0, self.task.u0, self.task.u0
-        self._episode = Trajectory(x0, self.task.u0)
+        self._episode, self._held = Trajectory(x0, self.task.u0), []
         if self._delayed:
             self._dead_time = DeadTime(self.plant, x0, self.task.u0, self.task.disturbance(0.0))
         self._draw_noise()
@@ -426,7 +427,8 @@ class PlantEnv(gym.Env[Array, Array]):
             if kept == self._steps == 1:
                 check_rate(self.plant, self._x, u, d)
             t, x = t[:kept], x[:kept]
-        self._episode.add(t[1:], x[1:], held, y_ref)
+        self._episode.add(t[1:], x[1:], u, y_ref)
+        self._held.append(held)
         step = Period(t, x, u_before=self._u, u=u, y_ref=y_ref, T_s=self._T_s)
         self._t, self._x, self._u = float(t[-1]), x[-1], u
         self._draw_noise()
@@ -477,8 +479,9 @@ class PlantEnv(gym.Env[Array, Array]):
         held = np.searchsorted(record.t_control, record.t, side="right") - 1
         sampled = record.t_control if len(record.t_control) else record.t
         d = [self.task.disturbance(t) for t in sampled.tolist()]
-        rows = zip(record.x, record.u, np.maximum(held, 0).tolist(), strict=True)
-        y = [self.plant.g(x, u, d[k]) for x, u, k in rows]
+        acted = self._held or [self.task.u0]
+        rows = zip(record.x, np.maximum(held, 0).tolist(), strict=True)
+        y = [self.plant.g(x, acted[k], d[k]) for x, k in rows]
         return np.array(y, dtype=float).reshape(len(record.t), len(self.plant.outputs))
 
     def render(self) -> Array | None:

@@ -123,7 +123,7 @@ class Task:
         bias: What sensors add to each measured output, in the output's unit, shape (n_y,); None for nothing.
         lag: Time constant of the actuators, which no controller is told; 0 for none. An input is held at its
             mean over each period, so that the plant gets as much of it as from a continuous lag. The record
-            has this mean. Margins leave the lag out.
+            has the input that was asked for, within range and rate. Margins leave the lag out.
         measurement_delay: Dead time of the measurements, one number or one for each output; that of
             the plant's outputs is added.
         jitter: Share of the sampling time, below 0.5, by which a sampling instant is early, or late,

@@ -322,6 +322,9 @@ def as_read(
     return found
 
 
+_ROOM = 0.1  # share of the limit on a margin that studies leave between it and what they aim at
+
+
 @dataclass(frozen=True, slots=True)
 class KPI:
     """A key performance indicator (KPI): a number that people read off an experiment.
@@ -345,7 +348,7 @@ class KPI:
         of: Name of the KPI whose value this one reads, for a direction that is not known: then an agent
             learns from one that is better lower and one that is better higher, and people see neither.
         margin: Whether it is a margin of the nominal loop, such as M_s. `prefcal verify` judges its
-            limit there alone: margins are what is left for plants that differ.
+            limit there alone: margins are what is left for plants that differ. Studies leave room to it.
 
     Attributes:
         goal: Direction of improvement; "target" is the middle of the objective's range; None if
@@ -402,6 +405,17 @@ class KPI:
         if np.isfinite(width) and width > 0:
             return float(10.0 ** np.floor(np.log10(width / 100)))
         return 0.01 if self.unit == "%" else 0.0
+
+    @property
+    def aim(self) -> float | None:
+        """Return the value a tenth within the limit of a margin, which studies aim at; None without one.
+
+        A tuning at the limit has that margin on the nominal plant only.
+        """
+        end = {"lower": self.at_most, "higher": self.at_least}.get(self.goal or "", np.inf)
+        if not self.margin or not np.isfinite(end):
+            return None
+        return self.read(end + (1 if self.goal == "higher" else -1) * _ROOM * abs(end))
 
     def read(self, value: float) -> float:
         """Return `value` as it is shown: in multiples of `step`, with four significant digits."""

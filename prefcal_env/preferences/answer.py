@@ -98,11 +98,13 @@ class Reading:
             four digits limit it. KPIs without a row are compared exactly.
         limits: Name of a KPI to the largest value that meets its objective.
         targets: KPIs of which all values that meet the objective are alike.
+        aims: Name of a KPI to a value below its limit, which proposals keep if that costs no objective.
     """
 
     steps: Mapping[str, float] = field(default_factory=dict)
     limits: Mapping[str, float] = field(default_factory=dict)
     targets: frozenset[str] = frozenset()
+    aims: Mapping[str, float] = field(default_factory=dict)
 
     def __call__(self, name: str, values: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
         """Return the values of KPI `name` as people read them, shape (m,)."""

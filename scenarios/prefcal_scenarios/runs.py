@@ -104,6 +104,7 @@ def reading(scenario: Scenario) -> Reading:
         {k.name: k.step for k in kpis},
         {k.name: float(k.badness(ends[k.name])) for k in kpis if np.isfinite(ends[k.name])},
         frozenset(k.name for k in kpis if k.goal == "target"),
+        {k.name: float(k.badness(k.aim)) for k in kpis if k.aim is not None},
     )
 
 

@@ -67,10 +67,14 @@ def measured(kpi: KPI, experiment: Experiment) -> str:
 
 def measured_texts(kpis: Sequence[KPI], experiment: Experiment) -> list[str]:
     """Return the values of many KPIs as text, as `measured` does of one."""
-    values = [experiment.kpis.get(kpi.name) for kpi in kpis]
-    read = [v if v is None else kpi.read(v) for kpi, v in zip(kpis, values, strict=True)]
-    times = [kpi.unit == experiment.channels.time_unit for kpi in kpis]
-    return ["never" if time and v == inf else number(v) for time, v in zip(times, read, strict=True)]
+    unit = experiment.channels.time_unit
+    return [value_text(kpi, experiment.kpis.get(kpi.name), unit) for kpi in kpis]
+
+
+def value_text(kpi: KPI, value: float | None, time_unit: str) -> str:
+    """Return a value of a KPI as text, without its unit; an infinite time is "never"."""
+    read = None if value is None else kpi.read(value)
+    return "never" if read == inf and kpi.unit == time_unit else number(read)
 
 
 def objective(kpi: KPI) -> str:
@@ -83,6 +87,17 @@ def limits_text(kpi: KPI) -> str:
     """Return the objective of a KPI with its unit; empty if there is none."""
     words = objective(kpi)
     return f"{words} {kpi.unit}".strip() if words else ""
+
+
+def meaning(kpi: KPI) -> str:
+    """Return what a KPI means, and what studies aim at where that is not its limit."""
+    if kpi.aim is None:
+        return kpi.about
+    aims = (
+        f"Of simulated tunings, those with {number(kpi.aim)} or {kpi.goal} come first, unless that costs an "
+        "objective: a tenth of the limit is left for plants that differ."
+    )
+    return f"{kpi.about} {aims}".lstrip()
 
 
 INTERRUPTED = "unsafe: run interrupted"

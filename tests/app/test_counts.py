@@ -4,10 +4,12 @@ import io
 import json
 import re
 from dataclasses import replace
+from functools import partial
 
 import pytest
 from rich.console import Console
 
+from prefcal_agents import Screening
 from prefcal_app.cli.options import Options
 from prefcal_app.cli.result import as_json, record_of
 from prefcal_app.cli.studies.files import summary
@@ -15,11 +17,12 @@ from prefcal_app.report.export import best_as_json
 from prefcal_app.report.record import comparisons_as_csv
 from prefcal_app.report.write import page
 from prefcal_app.session import Choice, actions
+from prefcal_app.session.study import ENOUGH
 from prefcal_app.summary import Planned
 from prefcal_app.terminal.showing import show_status
 from prefcal_app.view import now_view, status_view
-from support.interviews import THREE, begin, judge, proceed, until_further
-from support.screened import screening
+from support.interviews import THREE, begin, judge, proceed, until_further, worked
+from support.screened import screening, simulated
 from toy_study import TOY, toy_scenario
 
 OPTIONS = Options(TOY, n_max=9, n_init=3)
@@ -75,6 +78,29 @@ def test_experiments_are_those_that_ran(interview, record, told):
     assert f"{ran} experiments" in page(record, [])
     assert f"after {ran} of 9 experiments" in page(record, [])
     assert f"{ran} of 9 experiments" in said(interview)
+
+
+def test_what_ran_ahead_of_the_last_answer_and_was_never_shown_does_not_count(monkeypatch):
+    monkeypatch.setattr(Screening, "has_enough", lambda agent, history: len(history.lessons) >= 2)
+    agent = partial(Screening, n_simulated=40)
+    made = begin(simulated, n_max=6, agent=agent, ahead=True, stops=True)
+    for _ in range(2):
+        made.do(actions.Answer(worked(made).question.id, Choice.LEFT))
+    state = worked(made).state
+    assert state.ended == ENOUGH
+    assert (len(state.finished), state.history.answered) == (4, 3)
+    record = record_of(made, OPTIONS, {})
+    assert made.known.counts.experiments == len(record.trials) == 3
+    assert len(status_view(made)["tried"]["experiments"]) == summary(state)["experiments"] == 3
+    assert "3 experiments, 2 comparisons" in page(record, [])
+
+
+def test_what_was_shown_and_not_answered_counts():
+    made = begin(toy_scenario(), n_max=6, agent=THREE)
+    made.do(actions.Answer(proceed(made).question.id, Choice.LEFT))
+    proceed(made)
+    made.do(actions.Finish())
+    assert made.known.counts.experiments == len(record_of(made, OPTIONS, {}).trials) == 3
 
 
 def test_comparisons_are_the_answers_that_stand(interview, record, told):

@@ -26,7 +26,7 @@ from prefcal_env.experiments.kpis import Tracking, found_kpis
 from prefcal_env.plants import FunctionPlant
 from prefcal_env.sources.source import Function, WithKPIs
 from prefcal_scenarios import KPI, load, outcome, simulate_many, simulator
-from prefcal_scenarios.runs import INTERRUPTED, FailedRun, screened
+from prefcal_scenarios.runs import INTERRUPTED, FailedRun, reading, screened
 from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
 from support.interviews import answer_all, begin
 from toy_study import toy_scenario
@@ -51,6 +51,14 @@ def test_of_a_run_that_was_stopped_everything_is_as_bad_as_can_be():
     assert set(known) == set(outcome(TOY, FINE))
     assert all(v == np.inf for name, v in known.items() if name != INTERRUPTED)
     assert known[INTERRUPTED] == 1.0
+
+
+def test_agents_are_told_what_to_aim_at_where_a_margin_has_a_limit():
+    phase = KPI("phase", "phase margin", "°", at_least=45.0, margin=True)
+    kpis = (phase, KPI("M_s", "M_s", at_most=2.0, margin=True), KPI("time", "time", "s", at_most=9.0))
+    told = reading(replace(TOY, kpis=kpis))
+    assert told.limits == {"phase": -45.0, "M_s": 2.0, "time": 9.0}
+    assert told.aims == {"phase": -49.5, "M_s": 1.8}
 
 
 def test_the_kpis_of_a_run_that_was_cut_short_are_unknown():

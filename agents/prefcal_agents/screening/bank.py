@@ -423,11 +423,20 @@ class Growth:
             wide, near = self._plan[0]
             bank = self._simulate(*self._space.proposals(self._design[:wide]))
             spread = np.arange(len(bank))
-            scale = Scale.of(bank, spread, self.simulations.reading.limits)
+            scale = Scale.of(bank, spread, self._limits(bank))
             stage = self._stage(
                 History(), bank, spread, scale, self._draw(scale, self._rng(History(), _LEARN))
             )
             return self._refine(History(), stage, near)
+
+    def _limits(self, bank: Bank) -> Mapping[str, float]:
+        """Return the limits that people are taken to have: the aims, unless that costs an objective."""
+        reading = self.simulations.reading
+        if not reading.aims:
+            return reading.limits
+        aimed = replace(reading, limits={**reading.limits, **reading.aims})
+        least, least_aimed = (each.missed(bank.names, bank.kpis).min() for each in (reading, aimed))
+        return aimed.limits if least_aimed == least else reading.limits
 
     def _stage(
         self,
@@ -471,7 +480,7 @@ class Growth:
             # Turn 0 is the bank before the first question, which `_first` has simulated.
             wide, near = self._plan[turn] if 0 < turn < len(self._plan) else (0, 0)
             bank, spread = self._widen(stage, past, turn, wide)
-            scale, utilities = Scale.of(bank, spread, self.simulations.reading.limits), stage.utilities
+            scale, utilities = Scale.of(bank, spread, self._limits(bank)), stage.utilities
             if scale.names != stage.scale.names:  # a KPI was always the same before: begin again
                 before, utilities = History(), self._draw(scale, self._rng(History(), _LEARN))
             elif not np.array_equal(scale.limits, stage.scale.limits):  # a KPI found a better value

@@ -129,8 +129,8 @@ class Findings:
         stakes: Chance that the answer to the open question changes the best; None without one.
         influences: What the result would be if each answer were the other way round.
         best: Sample that is the result; None before any answer.
-        menu: Up to two θ that the person might prefer to the result, as different as they can be. In a
-            robust study those that do not hold are left out.
+        menu: Up to two θ that the person might prefer to the result, as different as they can be. Those that
+            never reach what the result reaches are left out, and in a robust study those that do not hold.
         wishes: KPIs that the person surely wanted better, each with how sure that is.
         robustness: How the result holds, and what that costs; None if the study is not robust.
         smaller: The result with knobs as in the given start, so that people hardly notice; None without
@@ -277,7 +277,10 @@ def _stakes(agent: Screening, past: History) -> float | None:
 
 
 def _menu(agent: Screening, stage: Stage, past: History, best: int) -> tuple[Alternative, ...]:
-    rows = np.array(others(stage.costs, stage.logs, ~stage.bank.hopeless, best), dtype=np.int64)
+    kpis = stage.bank.kpis
+    # What never reaches something that the result reaches is no wish of anybody who kept to the result.
+    never = stage.bank.hopeless | (np.isinf(kpis) & np.isfinite(kpis[best])).any(axis=1)
+    rows = np.array(others(stage.costs, stage.logs, ~never, best), dtype=np.int64)
     held = rows[agent.simulations.runs_kept(stage.bank.thetas[rows]) == ENOUGH].tolist()
     thetas = stage.bank.thetas[held].tolist()
     gained = [reason_for(stage, row, best, past).better_in for row in held]

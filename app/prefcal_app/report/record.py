@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_app.session.study import ENOUGH, GOOD_ENOUGH
+from prefcal_app.session.study import ENOUGH, GOOD_ENOUGH, why_over
 from prefcal_app.summary import VERDICTS as VERDICTS
 from prefcal_app.summary import Outlook, Spread
 from prefcal_app.view.end import FIRST, gain_view, gained
@@ -375,6 +375,11 @@ class StudyRecord:
     def partial(self) -> bool:
         """Return whether the study was left before anyone said that the best is good enough."""
         return self.stopped and self.ended != GOOD_ENOUGH
+
+    @property
+    def why_over(self) -> str:
+        """Return why the study ended, in words."""
+        return why_over(self.ended)
 
     @property
     def reached(self) -> str:

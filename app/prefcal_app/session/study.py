@@ -17,7 +17,9 @@ from prefcal_agents.learned_cost import LearnedCost
 from prefcal_agents.lessons import Subset, judged
 from prefcal_agents.registry import CLASSES
 from prefcal_agents.screening.agent import Screening
+from prefcal_agents.screening.findings import Findings
 from prefcal_app.simulating import SimulationCounts, Simulator, simulates
+from prefcal_app.summary import ENOUGH as ENOUGH
 from prefcal_env.compiling import Compiling
 from prefcal_env.errors import StudyError
 from prefcal_env.experiments.experiment import Channels, End, Experiment
@@ -253,11 +255,22 @@ class Now:
 
 PERSON = "human"
 """Who answers, in the configuration of a study."""
-ENOUGH = "little is left to gain"
-"""Why a study ends before its last question."""
 ALL_COMPARED = "all compared"
 """Why a study ends after its last question."""
 _SIDES, _REPEATS = 11, 12  # streams of the study's seed; agents use other ones
+
+
+def why_over(ended: str, found: Findings | None = None) -> str:
+    """Return why a study is over, in words, with what is said of its result if few answers were enough.
+
+    Little is left to find among θ drawn at random; one that was simulated may still be better.
+    """
+    if ended != ENOUGH:
+        return ended
+    said = None if found is None else found.certificate
+    if said is None or said.share is None:
+        return "enough answers"
+    return f"enough answers, fewer than {100 * said.share:.0f} % of random θ are noticeably better"
 
 
 class Moment(Enum):

@@ -2,11 +2,13 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from math import isinf
 
 from prefcal_agents.result import Influence, SmallerChange
 from prefcal_agents.screening.agent import MOST, Certificate
 from prefcal_agents.screening.bank import ENOUGH
 from prefcal_agents.screening.findings import Alternative, Findings, Reason, RobustResult
+from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.sources.varied import BEYOND
 from prefcal_scenarios.scenario import Scenario
@@ -157,13 +159,24 @@ def _held(kept: int, which: str, scenario: Scenario) -> str:
     return f"{which} does not hold: perturbed run {kept + 1} of {ENOUGH} does not {lost}."
 
 
+def _perturbed(scenario: Scenario) -> str:
+    """Return what perturbed runs vary, and what `prefcal verify` varies beside, in the words of its table."""
+    try:
+        factors = scenario.source.elsewhere.here.varied().factors
+    except ScenarioError:  # its files may have changed since
+        more = _listed(list(BEYOND.values()))
+        return f"They vary the plant and the noise; prefcal verify (V) varies {more}, too."
+    own, others = ([f.name for f in factors if f.robust == one] for one in (True, False))
+    and_more = f"; prefcal verify (V) also varies {_listed(others)}" if others else ""
+    return f"They vary {_listed([*own, 'the seed of the noise'])}{and_more}."
+
+
 def robust(found: RobustResult, scenario: Scenario) -> Iterator[str]:
     """Yield how the result holds and what that costs, a sentence each."""
     yield _held(found.kept, "The result", scenario)
     if found.kept < ENOUGH:
         return  # nothing was paid
-    more = _listed(list(BEYOND.values()))
-    yield f"They vary the plant and the noise; prefcal verify (V) varies {more}, too."
+    yield _perturbed(scenario)
     kpis, parts = {kpi.name: kpi for kpi in scenario.kpis}, list[str]()
     for name, share in found.costs:
         if share is None or share >= _LEAST:
@@ -176,18 +189,37 @@ def robust(found: RobustResult, scenario: Scenario) -> Iterator[str]:
         yield "Robustness costs nothing: no simulated θ that does not hold promises more."
 
 
-def menu_names(menu: Sequence[Alternative], scenario: Scenario) -> list[str]:
-    """Return the name of each θ on the menu, by the KPI that it gains, none twice if possible.
+def menu_names(
+    menu: Sequence[Alternative],
+    kpis: Sequence[Mapping[str, float]],
+    result: Mapping[str, float],
+    scenario: Scenario,
+) -> list[str]:
+    """Return the name of each θ on the menu: the KPI that it gains, and what that costs most.
+
+    It is empty for one that reads better than the result in no KPI, or that has the name of another one.
 
     Args:
         menu: θ that the person might prefer to the result.
+        kpis: KPIs of each as people read them, by name, lower is better.
+        result: Those of the result.
         scenario: Scenario that has the titles of the KPIs.
     """
     named, found = _namer(scenario), list[str]()
-    for other in menu:
-        names = [named(name, True) for name in other.better_in] or ["another"]
-        found.append(next((name for name in names if name not in found), names[0]))
+    both_ways = {kpi.name for kpi in scenario.kpis if kpi.of}  # what is higher is no price there
+    for other, own in zip(menu, kpis, strict=True):
+        gains = dict.fromkeys(n for n in (*other.better_in, *own) if own[n] < result[n])
+        prices = [n for n in own if own[n] > result[n] and n not in both_ways]
+        price = max(prices, key=lambda n: _dearer(own[n], result[n]), default="")
+        but = f", but {named(price, False)}" if price else ""
+        names = [f"{named(name, True)}{but}" for name in gains]
+        found.append(next((name for name in names if name not in found), ""))
     return found
+
+
+def _dearer(ours: float, theirs: float) -> float:
+    """Return how much more one value is than another, as a share of the larger one."""
+    return 1.0 if isinf(ours) else (ours - theirs) / max(abs(ours), abs(theirs))
 
 
 def wanted(wishes: Mapping[str, float], scenario: Scenario) -> str:

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from rich.console import Console
 
 from prefcal_app.session import Choice, Interview, Now, Phase, actions
-from prefcal_app.session.study import ENOUGH, GOOD_ENOUGH, UNSAFE, PlantNow, Recovery
+from prefcal_app.session.study import ENOUGH, GOOD_ENOUGH, UNSAFE, PlantNow, Recovery, why_over
 from prefcal_app.view import Seen, brief_view, history_view, now_view, preview_view, status_view
 from prefcal_env.errors import PrefcalError, StaleError
 from prefcal_env.sources import Stage
@@ -86,7 +86,9 @@ class _Conversation:
             elif not self._one(now):
                 return
         more = f" (--n-max {now.state.n_max + 1} goes on)" if now.state.ended == ENOUGH else ""
-        self._say(f"The study is finished: {now.state.ended}{more}.")
+        self._say(
+            f"The study is finished: {why_over(now.state.ended or '', self.interview.known.findings)}{more}."
+        )
 
     def _wait(self, now: Now) -> None:
         with self.console.status(_waiting(now)) as status:

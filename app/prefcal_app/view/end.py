@@ -12,7 +12,7 @@ from prefcal_agents.people import Bank
 from prefcal_agents.result import find_unbeaten, rows_between
 from prefcal_agents.screening.findings import Findings
 from prefcal_app.session import Interview, Now, Outlook, Question, Side
-from prefcal_app.session.study import is_robust
+from prefcal_app.session.study import is_robust, why_over
 from prefcal_app.simulating import Screened, as_shown, at_stake, menu_names, offer, why
 from prefcal_app.summary import Spread, after_a_slip, compare, unmeasured
 from prefcal_env.experiments.experiment import Experiment
@@ -63,17 +63,28 @@ def smaller_view(interview: Interview, found: Findings | None) -> list[float] | 
 
 
 def menu_view(interview: Interview) -> list[dict[str, Any]]:
-    """Return simulated θ that the person might prefer to the result; those shown are left out."""
+    """Return simulated θ that the person might prefer to the result.
+
+    Those that were shown are left out, and those that gain nothing that can be read.
+    """
     screened, found = interview.known.screened(), interview.known.findings
     if screened is None or found is None or not found.explained:
         return []
-    shown = {screened.row(np.array(s.theta)) for s in interview.now().state.history.samples}
-    names = menu_names(found.menu, interview.scenario)
-    rows = [screened.row(np.array(other.theta)) for other in found.menu]
+    now = interview.now()
+    samples = now.state.history.samples
+    shown = {screened.row(np.array(sample.theta)) for sample in samples}
+    best = None if now.incumbent is None else screened.row(np.array(samples[now.incumbent].theta))
+    placed = [(other, screened.row(np.array(other.theta))) for other in found.menu]
+    kept = [(other, row) for other, row in placed if row is not None and row not in shown]
+    if best is None:
+        return []
+    tables = [dict(zip(screened.bank.names, screened.bank.kpis[row], strict=True)) for _, row in kept]
+    result = dict(zip(screened.bank.names, screened.bank.kpis[best], strict=True))
+    names = menu_names([other for other, _ in kept], tables, result, interview.scenario)
     return [
         {"name": name, "theta": list(other.theta), "row": row}
-        for name, other, row in zip(names, found.menu, rows, strict=True)
-        if row is not None and row not in shown
+        for name, (other, row) in zip(names, kept, strict=True)
+        if name
     ]
 
 
@@ -119,12 +130,14 @@ def map_view(interview: Interview) -> dict[str, Any] | None:
         index: screened.row(np.array(now.state.history.samples[index].theta))
         for index in sorted(now.state.finished)
     }
+    # Of a time, what has no value never happened.
+    time_unit = interview.past.experiment(min(rows)).channels.time_unit if rows else ""
     numbers = {row: index + 1 for index, row in rows.items() if row is not None}
     sides = {} if question is None else {"left": question.left, "right": question.right}
     best = None if now.incumbent is None else rows.get(now.incumbent)
     return {
         "version": now.version,
-        "axes": [axis.as_json() for axis in axes],
+        "axes": [axis.as_json(time_unit) for axis in axes],
         "chosen": _chosen(screened, axes),
         "points": _points(screened, axes, scenario, numbers),
         "best": best,
@@ -153,13 +166,14 @@ class _Axis:
     def title(self) -> str:
         return self.of.name if isinstance(self.of, Knob) else self.of.title
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self, time_unit: str) -> dict[str, Any]:
         return {
             "title": self.title,
             "unit": self.of.unit,
             "log": self.log,
             "knob": isinstance(self.of, Knob),
             "about": self.of.about,
+            "time": isinstance(self.of, KPI) and bool(time_unit) and self.of.unit == time_unit,
         }
 
 
@@ -256,6 +270,7 @@ def over_view(
     """Return OVER for the page; `best` is the best experiment in numbers."""
     return {
         "reason": now.state.ended,
+        "words": why_over(now.state.ended or "", interview.known.findings),
         "best": best,
         "gain": None if now.incumbent is None else _gain(interview, now.incumbent, now, seen),
         "report": report_view(report),

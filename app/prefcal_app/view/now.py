@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from prefcal_app.session import Consistency, Interview, Now, Phase
 from prefcal_app.session.study import GOOD_ENOUGH, trust_text
-from prefcal_app.summary import VERDICTS
+from prefcal_app.summary import VERDICTS, tried
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.history import Comparison
@@ -280,7 +280,7 @@ def _tried(interview: Interview, now: Now) -> dict[str, Any]:
                 "ended": interview.past.end(index).value,
                 "marks": marks_of(state, index, interrupted),
             }
-            for index in sorted(state.finished)
+            for index in tried(state)
         ],
     }
 
@@ -289,9 +289,9 @@ def _slices(interview: Interview, now: Now) -> list[dict[str, Any]] | None:
     surrogate = interview.known.surrogate
     if surrogate is None or now.incumbent is None:
         return None
-    tried = [now.state.history.samples[index].theta for index in sorted(now.state.finished)]
+    thetas = [now.state.history.samples[index].theta for index in sorted(now.state.finished)]
     best = interview.past.experiment(now.incumbent).theta
-    return slices_view(interview.scenario.space, best, np.array(tried), surrogate)
+    return slices_view(interview.scenario.space, best, np.array(thetas), surrogate)
 
 
 def slices_view(

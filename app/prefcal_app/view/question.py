@@ -18,7 +18,15 @@ from prefcal_env.experiments.panels import PanelCurves, Plot, by_maneuver, maneu
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.sources import Change, Stage
 from prefcal_scenarios.scenario import KPI, Scenario, panels_of
-from prefcal_scenarios.wording import ended_text, knob_number, limits_text, measured, number, quantity
+from prefcal_scenarios.wording import (
+    ended_text,
+    knob_number,
+    limits_text,
+    meaning,
+    measured,
+    number,
+    quantity,
+)
 
 # --- Tables as plain data, which the page, the terminal and the report draw as they are.
 
@@ -690,4 +698,4 @@ def _kpi_view(kpi: KPI) -> dict[str, str]:
     """Return a KPI in words, with its objective."""
     direction = "" if kpi.goal is None else f"{kpi.goal} is better"
     wanted = limits_text(kpi) or direction
-    return {"title": kpi.title, "unit": kpi.unit, "about": kpi.about, "wanted": wanted}
+    return {"title": kpi.title, "unit": kpi.unit, "about": meaning(kpi), "wanted": wanted}

@@ -19,7 +19,16 @@ from prefcal_env.sources.source import Varied
 from prefcal_env.sources.varied import Factor, LeftOut
 from prefcal_scenarios.runs import HasKPIs
 from prefcal_scenarios.scenario import KPI, Scenario
-from prefcal_scenarios.wording import knob_number, labeled, limits_text, number, objective, quantity
+from prefcal_scenarios.wording import (
+    knob_number,
+    labeled,
+    limits_text,
+    number,
+    objective,
+    quantity,
+    value_text,
+    with_unit,
+)
 
 # --- What came of a verification, as frozen data, and what follows from it.
 
@@ -300,7 +309,7 @@ def _miss_words(kpi: KPI) -> str:
 
 def _kept_margin(kpi: KPI, value: float) -> str:
     """Return whether a margin keeps its limit, and whether a tenth is left of that, in words."""
-    room = 1.1 * kpi.at_least <= value <= 0.9 * kpi.at_most
+    room = kpi.aim is None or kpi.badness(value) <= kpi.badness(kpi.aim)
     verdict = (
         "NOT kept" if not kpi.met(value) else "kept" if room else "kept, with less than a tenth to spare"
     )
@@ -418,7 +427,7 @@ class Verified:
             kpis=tuple(_kpi_row(kpi, both) for kpi in found.kpis),
             margins=margins,
             basis=basis,
-            effects=tuple(map(_effect, found.effects)),
+            effects=tuple(_effect(each, found) for each in found.effects),
             worst=tuple(WorstRun.of(run, found.factors) for run in found.worst()),
             varied=tuple((f.name, _range(f), _kind(f, found.idle)) for f in found.factors),
             left_out=found.left_out,
@@ -482,7 +491,7 @@ def _kpi_row(kpi: KPI, tunings: list[Robustness]) -> tuple[str, ...]:
     cells = [labeled(kpi.title, kpi.unit), limits_text(kpi)]
     for each in tunings:
         values = (each.nominal.kpis.get(kpi.name), *each.quantiles(kpi.name))
-        cells += [number(None if value is None else kpi.read(value)) for value in values]
+        cells += [value_text(kpi, value, each.time_unit) for value in values]
     return tuple(cells)
 
 
@@ -538,10 +547,14 @@ def _kind(factor: Factor, idle: Collection[str]) -> str:
     return f"{said}, no effect alone" if factor.name in idle else said
 
 
-def _effect(each: Effect) -> str:
+def _effect(each: Effect, found: Verification) -> str:
+    """Return what a factor does alone: the limits that are lost, or the KPI that gets worst, in its unit."""
     name = f"{each.factor.name} ({_range(each.factor)})"
     if np.isinf(each.worsening):
         return f"{name}: {'; '.join(each.run.problems)}"
-    if not each.kpi:
+    kpi = next((kpi for kpi in found.kpis if kpi.title == each.kpi), None)
+    if kpi is None:
         return f"{name}: no KPI gets worse"
-    return f"{name}: {each.kpi} by {100 * each.worsening:.0f} % of its range in all runs"
+    pair = (found.tuning.nominal.kpis[kpi.name], each.run.kpis[kpi.name])
+    before, after = (value_text(kpi, value, found.tuning.time_unit) for value in pair)
+    return f"{name}: {kpi.title} {before} → {with_unit(after, kpi.unit)}"

@@ -138,6 +138,45 @@ def test_the_first_two_meet_the_objectives_and_differ_clearly():
         assert any(abs(first[n] - second[n]) >= 0.09 * abs(first[n]) for n in first)
 
 
+def fast(theta):
+    """The faster, the less is left of a margin; the other knob only costs time."""
+    x, y = theta
+    return {"M_s": 1.2 + x, "time": 1.1 - x + 0.5 * (y - 0.3) ** 2}
+
+
+def margin_left(aims, seed, start=None):
+    """M_s at the end of a study of a person who wants 2 at most, and then less time, by 0.05 or more."""
+
+    def answer(query):
+        if query.incumbent is None:
+            return None
+        first, second = (fast(s.theta) for s in (query.challenger, query.incumbent))
+        poor, other = (kpis["M_s"] > 2.0 for kpis in (first, second))
+        if poor != other:
+            return 1 if poor else -1
+        apart = first["time"] - second["time"]
+        return int(np.sign(apart)) if abs(apart) > 0.05 else 0
+
+    def simulate(theta):
+        return fast(theta)
+
+    simulate.reading = Reading({"M_s": 0.01, "time": 0.01}, {"M_s": 2.0}, aims=aims)
+    study = Screening(SQUARE, simulate=simulate, n_simulated=300, n_max=9, seed=seed, start=start)
+    while not study.done:
+        study.tell(study.ask(), answer(study.ask()))
+    return fast(study.best)["M_s"]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_result_leaves_room_to_the_limit_of_a_margin(seed):
+    assert margin_left({"M_s": 1.8}, seed) <= 1.8 < margin_left({}, seed) <= 2.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_somebody_prefers_stays_the_best_without_room_to_a_limit(seed):
+    assert margin_left({"M_s": 1.8}, seed, start=[[0.76, 0.3]]) > 1.9
+
+
 def test_differences_that_cannot_be_read_change_nothing():
     def simulate(theta):
         return {"a": 0.1 + theta[0], "b": 1.1 - theta[0], "c": 1e-7 * (1 + theta[1])}

@@ -59,6 +59,27 @@ def test_a_stated_limit_is_measured_from_the_best_value_that_is_known_now():
         assert set(known[np.isfinite(known)]) == {-0.5 - stage.scale.good[0]}
 
 
+def limits_of_draws(simulate, answers=()):
+    """The limits on "a" of the draws after some answers."""
+    grown = growth(100, simulate)
+    known = grown.stage(chain(grown, answers) if answers else History()).utilities.limits[:, 0]
+    return set(known[np.isfinite(known)])
+
+
+@pytest.mark.parametrize("answers", [(), (1, -1, 1, 0)])
+def test_limits_with_room_count_unless_that_costs_an_objective(answers):
+    def roomy(theta):
+        return {"a": 1.0 + theta[0], "b": 1.0 + theta[1]}
+
+    def crowded(theta):  # where "a" leaves room, "b" misses its objective
+        return {"a": 1.0 + theta[0], "b": 2.0 - theta[0]}
+
+    limits = {"a": 1.8, "b": 1.25}
+    for simulate, aims, expected in ((roomy, {}, 1.8), (roomy, {"a": 1.5}, 1.5), (crowded, {"a": 1.5}, 1.8)):
+        simulate.reading = Reading(limits=limits, aims=aims)
+        assert limits_of_draws(simulate, answers) == {expected}
+
+
 def test_the_plan_simulates_a_quarter_first_then_a_third_then_a_little_after_each_answer():
     grown = growth(100)
     record = chain(grown, [1, -1] * 7)

@@ -249,6 +249,15 @@ def test_what_does_not_hold_is_not_on_the_menu(monkeypatch):
     assert offered[:, 0].max() <= 0.6
 
 
+def test_what_never_reaches_what_the_result_reaches_is_not_on_the_menu(monkeypatch):
+    monkeypatch.setattr(said_of, "others", lambda costs, logs, usable, result: np.flatnonzero(usable))
+    agent = studied(Stuck(edge=1.0))
+    offered = np.array([other.theta for other in everything(agent).menu])
+    assert agent.best[0] >= 0.2
+    assert len(offered) > 10
+    assert offered[:, 0].min() >= 0.2
+
+
 class Stuck(Fast):
     """Never there with a small gain."""
 

@@ -19,8 +19,9 @@ def test_a_robust_study_says_how_its_result_holds_and_what_that_costs(done, pref
     assert code == 0, err
     said = " ".join(out.split())
     assert "The result holds: all 300 perturbed runs end safely and reach what the nominal run" in said
-    assert "(no limit is stated). They vary the plant and the noise;" in said
-    assert "sensors, actuators and task, too. Robustness costs" in said
+    assert "(no limit is stated). They vary time constant of temperature, time" in said
+    assert "and the seed of the noise; prefcal verify (V) also varies" in said
+    assert "direction. Robustness costs" in said
     configuration = state_of("mine").configuration
     assert configuration["options"]["robust"] is True
     words = ["calibrate", "lag", "--study", "mine", "--json", "--out", "out", "--n-max", "4"]

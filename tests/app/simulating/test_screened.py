@@ -10,13 +10,16 @@ from prefcal_agents.screening import findings
 from prefcal_agents.screening.agent import Certificate, Screening
 from prefcal_agents.screening.findings import Findings, Reason, RobustResult
 from prefcal_app.session import Choice, Phase, actions
+from prefcal_app.session.study import ENOUGH, why_over
 from prefcal_app.simulating import offer, promise, told
 from prefcal_app.simulating.why import percent, robust
 from prefcal_app.view.end import smaller_view
 from prefcal_env.errors import KnobError, ProtocolError, ScenarioError, StaleError
 from prefcal_env.knobs import Knob, KnobSpace
+from prefcal_env.plants.plant import Plant
 from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_scenarios import KPI, Scenario
+from prefcal_scenarios.described.pid_scenario import pid_scenario
 from prefcal_scenarios.runs import screened
 from support.interviews import begin, proceed, reopened, worked
 from support.looks import toy
@@ -186,6 +189,15 @@ def certified(certificate, chance=0.08, simulated=940):
     return Findings(False, simulated, chance_of_better=chance, certificate=certificate)
 
 
+def test_why_a_study_is_over_does_not_contradict_what_is_said_of_its_result():
+    # "Little is left" stood beside a chance of 30 % that the most promising one is noticeably better.
+    assert why_over(ENOUGH, certified(CERTIFIED)) == (
+        "enough answers, fewer than 6 % of random θ are noticeably better"
+    )
+    assert why_over(ENOUGH) == why_over(ENOUGH, certified(replace(CERTIFIED, share=None))) == "enough answers"
+    assert why_over("stopped", certified(CERTIFIED)) == "stopped"
+
+
 def test_from_the_second_answer_on_it_states_what_holds_for_people_unlike_the_draws():
     assert promise(certified(CERTIFIED)) == (
         "The chance that the most promising of the 940 simulated is noticeably better than the best so far "
@@ -239,6 +251,17 @@ def test_what_robustness_costs_is_said_of_a_result_that_holds(kept, costs, words
     assert len(said) == (3 if words else 1)
     assert not words or "verify (V) varies sensors, actuators and task, too" in said[1]
     assert said[-1].startswith(words)
+
+
+def test_a_robust_result_says_what_was_not_varied_in_the_words_of_a_verification():
+    scenario = pid_scenario(Plant.of(([1.0], [10.0, 1.0]), delay=1.0))
+    factors = [factor.name for factor in scenario.source.varied().factors]
+    said = list(robust(RobustResult(300, ()), scenario))[1]
+    assert said.startswith(
+        "They vary all time constants, gain of u, dead time and the seed of the noise; prefcal verify (V) "
+    )
+    assert "lag of the actuators, backlash, sampling jitter" in said
+    assert all(name in said for name in factors)
 
 
 def test_where_answers_do_not_follow_from_the_kpis_it_says_no_number():

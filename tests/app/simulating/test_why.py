@@ -1,7 +1,9 @@
 """The sentence on why an experiment is shown: plain, and true in every case."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from prefcal_agents.result import Influence, SmallerChange
@@ -100,9 +102,28 @@ def test_that_the_last_winner_rests_on_its_last_answer_is_said_only_if_that_is_i
     assert (found.decisive is not None) == named
 
 
-def test_candidates_are_named_by_what_they_gain_and_by_different_kpis():
-    menu = [Alternative((0.5, 10.0, 1.0), gains) for gains in (("final",), ("final", "t_f"), ())]
-    assert menu_names(menu, toy) == ["final level nearer to its target", "lower settling time t_f", "another"]
+RESULT = {"t_f": 5.0, "final": 1.0, "J": 10.0}
+
+
+@pytest.mark.parametrize(
+    ("menu", "names"),
+    [
+        ([{"t_f": 4.0}], ["lower settling time t_f"]),
+        # The largest price is named, and what is never reached is the largest.
+        ([{"t_f": 4.0, "final": 1.1, "J": 15.0}], ["lower settling time t_f, but higher cost J"]),
+        ([{"J": 9.0, "final": 1.1, "t_f": np.inf}], ["lower cost J, but higher settling time t_f"]),
+        # Nothing that can be read is gained.
+        ([{"final": 2.0}, {}], ["", ""]),
+        # Two that would be called the same: another gain names the second, or it is left out.
+        ([{"t_f": 4.0}, {"t_f": 3.0, "J": 9.0}], ["lower settling time t_f", "lower cost J"]),
+        ([{"t_f": 4.0}, {"t_f": 3.9}], ["lower settling time t_f", ""]),
+    ],
+)
+def test_candidates_are_named_by_what_they_gain_and_at_what_price(menu, names):
+    gains = ["t_f", "J", "final"]
+    others = [Alternative((0.5, 10.0, 1.0), tuple(n for n in gains if n in kpis)) for kpis in menu]
+    scenario = replace(toy, kpis=(*toy.kpis, KPI("J", "cost J", better="lower")))
+    assert menu_names(others, [RESULT | kpis for kpis in menu], RESULT, scenario) == names
 
 
 @pytest.mark.parametrize(

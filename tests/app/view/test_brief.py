@@ -1,5 +1,7 @@
 """The briefing says what everything is, and an own scenario without a word of it works too."""
 
+from dataclasses import replace
+
 import pytest
 
 from prefcal_app.view import brief_view
@@ -28,6 +30,17 @@ def test_the_reactor_says_what_was_asked_about_it():
     assert about["unsolved QPs"]["wanted"] == "≤ 0"
     assert about["peak reactor T"]["wanted"] == "lower is better"
     assert view["knobs"][0]["range"] == "0.25 to 1.5"
+
+
+def test_the_briefing_says_that_a_study_leaves_room_to_the_limit_of_a_margin():
+    kpis = (
+        KPI("J", "cost", about="What it costs.", at_most=2.0),
+        KPI("M_s", "M_s", at_most=2.0, margin=True),
+    )
+    about = {kpi["title"]: kpi for kpi in brief_view(begin(replace(toy, kpis=kpis), n_max=3))["kpis"]}
+    assert about["M_s"]["wanted"] == "≤ 2"  # what is judged
+    assert "those with 1.8 or lower come first, unless that costs an objective" in about["M_s"]["about"]
+    assert about["cost"]["about"] == "What it costs."
 
 
 def test_words_about_nothing_are_refused():

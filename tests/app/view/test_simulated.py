@@ -81,6 +81,7 @@ def test_the_picture_has_every_simulated_theta_in_values_that_people_see(says):
     assert titles == ["settling time t_f", "final level: distance from its target", "T_s", "N_p", "gain"]
     assert [axis["knob"] for axis in view["axes"]] == [False, False, True, True, True]
     assert view["axes"][4]["log"]
+    assert [axis["time"] for axis in view["axes"][:2]] == [True, False]  # what has no time was never there
     assert view["chosen"] == [1, 0]  # what was learned, then what else differs
     for point in view["points"]:
         run = toy.run(point["theta"])
@@ -192,22 +193,30 @@ def test_an_answer_that_hardly_changes_the_result_is_said_and_blind_hides_it(say
     assert "hardly" not in told(interview)["why"]
 
 
-def test_the_menu_names_other_simulated_theta_by_what_they_gain():
+def reads(interview, rows):
+    """Let simulated θ have other KPIs, by row of the bank: final level and settling time."""
+    thoughts = interview._driver.thoughts
+    bank = thoughts.screened.bank
+    kpis = bank.kpis.copy()
+    for row, values in rows.items():
+        kpis[row] = values
+    thoughts.screened = replace(thoughts.screened, bank=replace(bank, kpis=kpis))
+
+
+def test_the_menu_names_other_simulated_theta_by_what_they_gain_and_what_that_costs():
     interview = explained(screening())
     assert menu_view(interview) == []
-    bank = interview.known.screened().bank
-    shown = interview.known.screened().row(interview.past.experiment(0).theta)
-    rows = [row for row in range(len(bank)) if row != shown][5:7]
-    gains = ("t_f",), ("final",), ("final",)
-    thetas = map(tuple, bank.thetas[[*rows, shown]].tolist())
-    carries(interview, menu=tuple(map(Alternative, thetas, gains)))
-    assert [choice["name"] for choice in menu_view(interview)] == [
-        "lower settling time t_f",
-        "final level nearer to its target",
-    ]
-    assert [choice["theta"] for choice in menu_view(interview)] == bank.thetas[rows].tolist()
+    screened = interview.known.screened()
+    shown, best = screened.row(interview.past.experiment(0).theta), map_view(interview)["best"]
+    one, same, *_ = (row for row in range(len(screened.bank)) if row not in (shown, best))
+    reads(interview, {best: (0.1, 5.0), one: (0.0, 6.0), same: (0.1, 5.0)})
+    thetas = map(tuple, screened.bank.thetas[[same, one, shown]].tolist())
+    carries(interview, menu=tuple(Alternative(theta, ("final",)) for theta in thetas))
+    (choice,) = menu_view(interview)  # one reads the same, one was shown
+    assert choice["name"] == "final level nearer to its target, but higher settling time t_f"
+    assert choice["theta"] == screened.bank.thetas[one].tolist()
     points = [point["theta"] for point in map_view(interview)["points"]]
-    assert all(choice["theta"] in points for choice in menu_view(interview)), "the page finds them by θ"
+    assert choice["theta"] in points, "the page finds it by θ"
 
 
 def test_the_picture_has_what_lies_between_the_result_and_the_menu():
@@ -215,6 +224,7 @@ def test_the_picture_has_what_lies_between_the_result_and_the_menu():
     assert map_view(interview)["ways"] == []
     bank, best = interview.known.screened().bank, map_view(interview)["best"]
     row = int(np.argmin(np.where(np.arange(len(bank)) == best, np.inf, bank.kpis[:, 0])))
+    reads(interview, {best: (0.1, 5.0)})
     carries(interview, menu=(Alternative(tuple(bank.thetas[row].tolist()), ("t_f",)),))
     (way,) = map_view(interview)["ways"]
     assert (way[0], way[-1]) == (best, row)

@@ -13,6 +13,7 @@ from prefcal_agents.screening import findings
 from prefcal_agents.screening.agent import Screening
 from prefcal_agents.screening.findings import Alternative, Reason
 from prefcal_app.session import Background
+from prefcal_app.view import end
 from prefcal_app.web import Window
 from support.browser import Served, Watched
 from support.interviews import begin
@@ -180,6 +181,21 @@ def test_the_end_leads_to_the_answer_that_matters_and_to_other_candidates(browse
         return replace(known, influences=(decisive,), best=0, menu=menu, smaller=smaller)
 
     monkeypatch.setattr(findings, "_explain_result", told)
+    called(monkeypatch)
+    said = end.outlook_view
+
+    def at_an_end(outlook):
+        sentences = [
+            *said(outlook)["sentences"],
+            "T_s is near the end of its range; widen it, for example with:",
+        ]
+        return (
+            {"sentences": sentences, "command": "prefcal studies respace mine --knob T_s=0:2"}
+            if outlook
+            else None
+        )
+
+    monkeypatch.setattr(end, "outlook_view", at_an_end)
     watched = Watched(browser)
     watched.open(screen(n_max=3).link)
     page = watched.page
@@ -193,6 +209,8 @@ def test_the_end_leads_to_the_answer_that_matters_and_to_other_candidates(browse
     page.keyboard.press("Escape")
     page.wait_for_selector("text=The result rests on the answer about experiment 2")
     watched.shot("end-simulated-1280")
+    after = "p:has-text('for example with:') + p.command >> text=studies respace"
+    assert page.locator(f"#view-over {after}").is_visible()  # the command follows its sentence at once
     page.click("text=Look at that answer again")
     page.wait_for_selector("#again h3")
     assert "left is better" in page.inner_text("#again").lower()
@@ -209,6 +227,16 @@ def test_the_end_leads_to_the_answer_that_matters_and_to_other_candidates(browse
     assert watched.errors == []
 
 
+def called(monkeypatch):
+    """Let the θ on the menu be called by what they are said to gain, whatever they cost."""
+    words = {"t_f": "lower settling time t_f", "final": "final level nearer to its target"}
+
+    def names(menu, *_):
+        return [words[other.better_in[0]] for other in menu]
+
+    monkeypatch.setattr("prefcal_app.view.end.menu_names", names)
+
+
 @pytest.fixture
 def menu(browser, screen, monkeypatch):
     """The end of a study whose menu names two others."""
@@ -222,6 +250,7 @@ def menu(browser, screen, monkeypatch):
         return replace(known, menu=tuple(map(Alternative, thetas, (("t_f",), ("final",)))))
 
     monkeypatch.setattr(findings, "_explain_result", told)
+    called(monkeypatch)
     served = screen(n_max=3)
 
     def ended(**options):

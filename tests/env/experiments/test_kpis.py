@@ -365,3 +365,21 @@ def test_an_output_is_what_is_measured_also_where_a_state_has_its_name():
         y_ref=RUN.y_ref[:, :1],
     )
     assert value_of("max(level)", run) == SWINGING.max()
+
+
+@pytest.mark.parametrize(
+    ("limits", "aim"),
+    [
+        ({"at_most": 2.0}, 1.8),
+        ({"at_most": 2.0, "better": "lower", "resolution": 0.01}, 1.8),
+        ({"at_least": 45.0, "resolution": 0.1}, 49.5),
+        ({"at_least": 0.6, "resolution": 0.001}, 0.66),
+        ({"at_least": 6.0, "at_most": 12.0}, None),  # the middle of a range has room to both sides
+        ({"better": "lower"}, None),
+        ({"at_least": 1.0, "better": "lower"}, None),
+        ({}, None),
+    ],
+)
+def test_studies_aim_a_tenth_within_the_limit_of_a_margin(limits, aim):
+    assert KPI("m", "margin", margin=True, **limits).aim == aim
+    assert KPI("m", "no margin", **limits).aim is None

@@ -54,6 +54,20 @@ def test_numbers_among_the_arguments_of_a_run_vary_and_limits_are_counted():
     assert (first.factor.name, first.run.values, first.worsening) == ("mass", {"mass": 0.9}, np.inf)
     assert (second.factor.name, second.kpi) == ("stiffness", "pull")
     assert found.worst(3)[0].values["mass"] < 2.0 / 2.1
+    assert Verified.of(found, SPRING, "", "1.0", "").effects == (
+        "mass (0.9 to 1.1): weight misses its objective",
+        "stiffness (3.6 to 4.4): pull 4 → 4.4",
+    )
+
+
+def test_a_time_that_never_comes_is_never_in_every_table():
+    def late(theta, seed=0, mass=1.0):
+        return run(theta, seed).with_kpis({"arrival": np.inf, "worth": -np.inf, "ratio": np.inf})
+
+    kpis = (KPI("arrival", "arrival", "s", better="lower"), KPI("ratio", "ratio", better="lower"))
+    found = verify(replace(SPRING, run=late, kpis=kpis), THETA, 3, jobs=1)
+    rows = [row[2:5] for row in Verified.of(found, SPRING, "", "1.0", "").kpis]
+    assert rows == [("never",) * 3, ("∞",) * 3]
 
 
 def test_without_a_stated_limit_it_is_said_what_counts_and_usual_limits_are_offered_with_their_counts():

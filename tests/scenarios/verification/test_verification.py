@@ -309,6 +309,35 @@ def test_the_plant_gets_as_much_of_an_input_as_behind_a_continuous_lag():
     exact = made.t_control - lag * (1 - np.exp(-made.t_control / lag))
     assert made.output(0)[np.searchsorted(made.t, made.t_control)] == pytest.approx(exact)
     assert seen == [0.0, *[1.0] * 9]  # nobody measures the lag
+    assert made.u_control == pytest.approx(np.ones((10, 1)))  # limits and moves are those of commands
+
+
+def test_an_output_that_the_input_reaches_at_once_sees_the_lag():
+    class Constant:
+        T_s = 1.0
+
+        def move(self, m):
+            return Move(np.ones(1))
+
+    task = Task(x0=np.zeros(0), u0=np.zeros(1), y_ref=np.ones(1), horizon=3.0, T_s=1.0, lag=2.0)
+    made = rollout(PlantEnv(Plant.of(2.0), task), Constant(), np.zeros(1))
+    means = [1 - 2.0 * (np.exp(-t / 2) - np.exp(-(t + 1) / 2)) for t in range(3)]
+    assert made.output(0)[np.searchsorted(made.t, made.t_control)] == pytest.approx(2 * np.array(means))
+    assert made.u_control == pytest.approx(np.ones((3, 1)))
+
+
+@pytest.mark.parametrize(
+    "scenario",
+    [load("lag"), load("mpc-oscillatory"), pid_scenario(Plant.of(([1.0], [10.0, 1.0]), delay=1.0))],
+    ids=["compiled law", "controller on a compiled plant", "own plant"],
+)
+def test_the_input_of_a_run_is_the_command_however_the_loop_is_simulated(scenario):
+    known, theta = scenario.source.varied(), middle(scenario)
+    longest = next(factor.high for factor in known.factors if factor.name == "lag of the actuators")
+    prompt, slow = (known.at({"lag of the actuators": lag}).run(theta) for lag in (0.0, longest))
+    # Before it sees what the lag does, the controller asks for the same: the actuator has not followed yet.
+    assert slow.u_control[0] == pytest.approx(prompt.u_control[0], rel=1e-12)
+    assert np.abs(slow.u_control - prompt.u_control).max() > 0.0
 
 
 @pytest.mark.parametrize("name", ["lag", "mpc-oscillatory"])

@@ -9,7 +9,7 @@ import { verification } from "./verify.js";
 
 const REASONS = {
   "all compared": "All experiments have been compared", "good enough": "The best is good enough",
-  stopped: "You finished the study", "little is left to gain": "Little is left to gain",
+  stopped: "You finished the study",
 };
 
 const link = (words, properties) => el("a", { class: "button", ...properties }, words);
@@ -20,7 +20,7 @@ export function showOver(now, act) {
   const typing = document.activeElement?.id === "more"; // when the report comes
   fill($("view-over"), el("div", { class: "hero" },
     el("span", { class: "done", "aria-hidden": "true" }, "✓"),
-    el("div", {}, el("h2", { id: "over-title" }, `${REASONS[over.reason] ?? over.reason}.`),
+    el("div", {}, el("h2", { id: "over-title" }, `${REASONS[over.reason] ?? over.words.replace(/^./, (letter) => letter.toUpperCase())}.`),
       el("p", { class: "faint" }, `${progress.experiments} experiments, ${progress.given} comparisons.`)),
     el("p", { class: "actions" },
       report ? link("Open the report", { class: "button primary", href: report.link, target: "_blank", rel: "noopener" })
@@ -53,9 +53,9 @@ function steps(now, act) {
       can("undo") ? button("Undo last answer", () => act("undo", { version: now.version }, "last answer undone")) : null)),
     over.next.python ? item("Use the controller", command(over.next.python, "builds it in Python")) : null,
     outlook ? item("Continue or stop?", outlook.sentences.map((words) => el("p", {}, symbol(words))),
+      outlook.command ? command(outlook.command, "widens the range") : null, // the last sentence ends with "for example with:"
       over.decisive || over.smaller ? el("p", { class: "actions" }, over.decisive ? button("Look at that answer again", again) : null,
-        over.smaller ? button("Look at the smaller change", () => showTheta(over.smaller)) : null) : null,
-      outlook.command ? command(outlook.command, "widens the range") : null) : null,
+        over.smaller ? button("Look at the smaller change", () => showTheta(over.smaller)) : null) : null) : null,
     over.menu.length ? item("Or do you prefer one of these?", el("p", {}, "People who answer like you might. Look at one beside the result, and at what lies between them."),
       el("p", { class: "actions" }, over.menu.map(({ name }, k) => [button(name, () => showOther(k), { class: "other" }), el("kbd", {}, String(k + 1))]))) : null,
     over.next.verifies ? item("Will it hold on the plant?", verification()) : null,

@@ -155,8 +155,9 @@ function move(event) {
   choose(step($("map"), data, which, row, arrow));
 }
 
-function written(value) {
-  if (value === null) return "–";
+function written(point, k) {
+  const value = point.values[k];
+  if (value === null) return data.axes[k].time && !point.end ? "never" : "–";
   const text = value && Math.abs(value) < 1e-3 ? value.toExponential(1).replace(".0", "") : String(Number(value.toPrecision(4)));
   return text.replaceAll("-", "−");
 }
@@ -175,7 +176,7 @@ function describe() {
   const theta = values(knobs.map((knob, k) => ({ name: knob.title, title: knob.about || null, unit: knob.unit, text: point.text[k] })));
   const rows = data.axes.flatMap((axis, k) => (axis.knob ? [] : [{ title: axis.about || null, cells: [
     [symbol(axis.title), axis.unit ? el("span", { class: "faint" }, ` [${axis.unit}]`) : null],
-    written(point.values[k]), ...(best ? [written(best.values[k])] : [])] }]));
+    written(point, k), ...(best ? [written(best, k)] : [])] }]));
   return fill($("point"), el("h3", {}, name(point)), point.end ? el("p", { class: "problem" },
     point.end === "failed" ? "This simulation failed." : "This run was stopped as unsafe, or it has no value of any KPI.") : null, theta, actions(point),
   table(["KPI", "value", ...(best ? ["best so far"] : [])], rows, { class: "kpi-table", kinds: ["", "number", "number faint"] }));

@@ -47,9 +47,9 @@ const going = ({ done, planned }) => [el("p", {}, planned ? `${done} of ${planne
 function said({ best, statement, limits, margins, advice, basis, varied, tables, effects, worst }) {
   const tabled = (each) => [el("h5", {}, each.label), shownTable(each)];
   const list = (title, lines) => (lines.length ? [el("h5", {}, title), el("ul", { class: "plain" }, lines.map((text) => el("li", {}, symbol(text))))] : []);
-  return [el("h5", {}, "Does it hold?"), el("p", { class: "statement" }, statement), el("p", { class: "faint" }, limits),
+  return [el("h5", {}, "Does it hold?"), el("p", { class: "statement" }, symbol(statement)), el("p", { class: "faint" }, symbol(limits)),
     list("What to do next", advice), varied.map(tabled),
-    el("h5", {}, "What margin has it?"), el("p", { class: "statement" }, symbol(margins)), el("p", { class: "faint" }, `${basis}.`),
+    el("h5", {}, "What margin has it?"), el("p", { class: "statement" }, symbol(margins)), el("p", { class: "faint" }, symbol(`${basis}.`)),
     worst.length ? el("h5", {}, "The worst runs, beside the nominal one: acceptable?") : null, worst.map((each, k) => run(each, k, best)),
     tables.map(tabled), list("What hurts most, one at a time", effects),
     el("p", { class: "actions" }, start("Verify again"))];
@@ -59,6 +59,6 @@ function run({ words, values, seed, verdict, picture }, k, best) {
   const judge = (acceptable) => show(() => post("judge", { run: k, seed, best, acceptable }, false));
   const choice = (text, acceptable) => button(text, () => judge(acceptable), { "aria-pressed": String(verdict === text.toLowerCase()) });
   return el("figure", { class: "worst" }, picture ? el("img", { src: `${picture}?${Date.now()}`, alt: `Curves of worst run ${k + 1} beside the nominal run`, loading: "lazy" }) : null,
-    el("figcaption", {}, el("strong", {}, `${k + 1}: ${words}. `), symbol(values),
+    el("figcaption", {}, el("strong", {}, symbol(`${k + 1}: ${words}. `)), symbol(values),
       el("span", { class: "actions" }, choice("Acceptable", true), choice("Not acceptable", false))));
 }
