@@ -402,7 +402,7 @@ def ziegler_nichols(plant: LinearSystem, omega: Float[np.ndarray, " m"], sign: f
 
 
 ROBUST = (1.6, 2.0, 2.5, 3.5, np.inf)
-"""Largest sensitivities, from the recommended range to what difficult plants allow."""
+"""Maximum sensitivities, from the recommended range to what difficult plants allow."""
 
 
 def robust(

@@ -96,7 +96,7 @@ def test_a_damaged_verification_is_none_and_the_sheet_says_so(tmp_path, content)
 def test_what_was_verified_is_said_with_what_was_not():
     found = dict(verified_answers(FOUND))
     assert found["Margins"] == (
-        "Margins of the nominal loop: sensitivity peak M_s 1.7, required ≤ 2: kept. Gain margin [dB] 12 "
+        "Margins of the nominal loop: maximum sensitivity M_s 1.7, required ≤ 2: kept. Gain margin [dB] 12 "
         "(before 8), phase margin [°] 60 (before 44): the unconstrained law."
     )
     assert found["Other plants"] == "298 of 299 runs keep the stated limits. Stated limits: a safe end."
