@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from prefcal_app.report.export import best_as_json
+from prefcal_app.report.record import StudyRecord
 from prefcal_app.report.write import (
     FILE,
     answers,
@@ -70,12 +71,18 @@ def test_what_nobody_looked_at_is_not_verified():
     assert "Run prefcal verify best.json" in found["Other plants"]
 
 
+class Study(SimpleNamespace):
+    """A study without comparisons, of which only margins are asked."""
+
+    margins = StudyRecord.margins
+
+
 def test_margins_stand_beside_those_before_and_an_error_of_own_code_is_said(monkeypatch):
     loop = load("lag")
     theta = loop.space.decode(np.full(len(loop.space), 0.5))
     trial = SimpleNamespace(experiment=loop.run(theta))
-    record = SimpleNamespace(scenario=loop, best=trial, before=trial)
-    said = dict(unverified(record))["Margins"]
+    known = {"scenario": loop, "best": trial, "before": trial}
+    said = dict(unverified(Study(**known)))["Margins"]
     assert re.match(r"Gain margin \[dB\] [\d.]+ \(before [\d.]+\), phase margin", said)
     assert "linearized at the operating point" in said
 
@@ -83,7 +90,7 @@ def test_margins_stand_beside_those_before_and_an_error_of_own_code_is_said(monk
         raise RuntimeError("no plant")
 
     monkeypatch.setattr("prefcal_scenarios.verification.result.margins", fails)
-    assert dict(unverified(record))["Margins"] == "not verified: no margins: no plant"
+    assert dict(unverified(Study(**known)))["Margins"] == "not verified: no margins: no plant"
 
 
 @pytest.mark.parametrize("content", ["{", '{"x": 1}'])
