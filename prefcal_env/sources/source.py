@@ -528,6 +528,12 @@ def env_of(source: Source) -> Any:
     return getattr(loop, "env", loop)
 
 
+def plant_of(source: Source) -> Plant | None:
+    """Return the plant of a source that is a closed loop, the nominal one; None for any other source."""
+    found: Plant | None = getattr(env_of(source), "plant", None)
+    return found
+
+
 class Maneuvers(Source):
     """A source that lets the same θ perform several maneuvers, and combines them.
 

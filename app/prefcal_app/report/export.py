@@ -19,7 +19,7 @@ from prefcal_env.experiments.experiment import Controller, End
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.plants.plant import Disturbed
 from prefcal_env.plants.systems import LinearPlant, LinearSystem
-from prefcal_env.sources.source import env_of
+from prefcal_env.sources.source import plant_of
 from prefcal_env.units import named, same
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.described.making import controller_of
@@ -281,7 +281,7 @@ def model(record: StudyRecord) -> str:
     """Return on which model a study was made, in sentences: source, version, equations, and files."""
     made = f", fingerprint of the scenario {record.fingerprint}" if record.fingerprint else ""
     said = [f"{record.source}{made}, prefcal {versions()['prefcal']}"]
-    plant = getattr(env_of(record.scenario.source), "plant", None)
+    plant = plant_of(record.scenario.source)
     if isinstance(plant, Disturbed):
         plant = plant.plant
     if isinstance(plant, LinearPlant):

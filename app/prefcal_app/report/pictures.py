@@ -14,9 +14,10 @@ from matplotlib.ticker import MaxNLocator, NullLocator
 
 from prefcal_app.view.now import slices_view
 from prefcal_env.controllers.margins import Margins, OpenLoop
-from prefcal_env.experiments.experiment import Channel, Channels, Experiment
+from prefcal_env.experiments.experiment import Channel, Experiment
 from prefcal_env.experiments.panels import Plot, maneuvers_of
 from prefcal_env.knobs import Knob
+from prefcal_env.plants.plant import Plant
 from prefcal_scenarios.scenario import KPI, Picture, Scenario, panels_of
 from prefcal_scenarios.style import (
     BEST,
@@ -525,7 +526,7 @@ _MARKS = {
 """Marker and name of what limits the result."""
 
 
-def open_loop(found: Sequence[Margins | str], kpis: Sequence[KPI], channels: Channels) -> bytes:
+def open_loop(found: Sequence[Margins | str], kpis: Sequence[KPI], plant: Plant) -> bytes:
     """Return a PNG with the Nyquist diagram of the result and of the tuning before; empty without one.
 
     Of several inputs each has a curve, with the other loops closed.
@@ -533,9 +534,9 @@ def open_loop(found: Sequence[Margins | str], kpis: Sequence[KPI], channels: Cha
     Args:
         found: Margins of the result, then perhaps of the tuning before.
         kpis: KPIs, among which a limit of M_s may be.
-        channels: Channels, whose inputs and unit of time are named.
+        plant: Plant, whose inputs and unit of time are named.
     """
-    inputs, unit = [c.name for c in channels.u], channels.time_unit
+    inputs, unit = [c.name for c in plant.inputs], plant.time_unit
     result, *others = (m.loop if isinstance(m, Margins) else None for m in found)
     if result is None:
         return b""

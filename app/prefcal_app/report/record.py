@@ -28,7 +28,7 @@ from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.panels import named
 from prefcal_env.knobs import theta_key
 from prefcal_env.preferences.answer import Comparison, Preference
-from prefcal_env.sources.source import env_of
+from prefcal_env.sources.source import plant_of
 from prefcal_env.study import StudyFile, study_path, to_text
 from prefcal_env.wording import in_words, located
 from prefcal_scenarios.runs import WORST, grouped
@@ -353,7 +353,7 @@ class StudyRecord:
         try:
             known = self.scenario.source.varied()
         except PrefcalError:  # such as a file that runs in a process of its own
-            has_plant = getattr(env_of(self.scenario.source), "plant", None) is not None
+            has_plant = plant_of(self.scenario.source) is not None
             return ("prefcal verify best.json computes them" if has_plant else UNKNOWN,)
         return tuple(margins_at(known, trial.experiment.theta) for trial in (self.best, self.before))
 

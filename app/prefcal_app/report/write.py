@@ -22,7 +22,7 @@ from prefcal_env.disk import digest_of
 from prefcal_env.errors import ScenarioError, StaleError
 from prefcal_env.experiments.experiment import Channel, End, Experiment
 from prefcal_env.plants.jacobians import U
-from prefcal_env.sources.source import env_of
+from prefcal_env.sources.source import env_of, plant_of
 from prefcal_env.sources.varied import Ranges
 from prefcal_scenarios.isolated import DEFAULT_LIMIT
 from prefcal_scenarios.runs import Progress
@@ -146,7 +146,7 @@ _RUN = (
     "best.json, which completes this page."
 )
 _WIDE = 107  # characters of a line of an answer
-LINE, MOST_VERIFIED = 3.2, 15
+LINE, MOST_VERIFIED = 3.2, 16
 """Height of a line of an answer in mm, and the usual number of lines of what was verified."""
 _LOW = 36.0  # smallest height of curves that tell anything, in mm
 LOOP = "open_loop.png"
@@ -258,11 +258,11 @@ def _margins(rows: Sequence[Sequence[str]], basis: str) -> str:
     return _sentences([f"{', '.join(words)}: {basis}"])
 
 
-def fitted(found: Answers, room: float, rest: str) -> Answers:
-    """Return answers that fit into `room` mm: the longest ones are cut, and the file `rest` has all."""
+def fitted(found: Answers, room: float, rest: str, lines: int = 2) -> Answers:
+    """Return answers in `room` mm: the longest are cut, to `lines` at least, and the file `rest` has all."""
     most = max((len(answer) for _, answer in found), default=0)
     cut = found
-    while _height_of(cut) > room and most > 2 * _WIDE:
+    while _height_of(cut) > room and most > lines * _WIDE:
         most -= _WIDE
         cut = [(question, _short(answer, most, rest)) for question, answer in found]
     return cut
@@ -289,8 +289,9 @@ def section(holds: Answers, room: float, loop: bytes = b"") -> str:
     height = left(room, holds)
     style = f"<style>figure img {{ max-height: {height:.0f}mm; }}</style>"
     drawn = f'<figure class="loop"><img src="{data_uri(loop)}" alt="{_LOOP_ALT}"></figure>' if loop else ""
-    shown = drawn if height else ""
-    return f"<!-- verified {room:.0f} -->{style}{template.answers(holds)}{shown}<!-- end -->"
+    if loop and not height:
+        holds, drawn = [*holds, ("Open loop", f"No room is left here: see {REPORT}.")], ""
+    return f"<!-- verified {room:.0f} -->{style}{template.answers(holds)}{drawn}<!-- end -->"
 
 
 def refresh(folder: Path) -> None:
@@ -314,11 +315,12 @@ def _drawn_in(folder: Path) -> bytes:
 
 
 def _holds(verified: Verified, room: float) -> Answers:
-    """Return what was verified so that curves have a place, too, in `room` mm; what varied is cut first."""
+    """Return what was verified, in `room` mm: what varied gives way to curves, and curves to verdicts."""
     *verdicts, varied, others = verified_answers(verified)
-    room -= _LOW
-    least = fitted([varied, others], room - _height_of(verdicts), VERIFICATION)
-    return fitted([*verdicts, *least], room, VERIFICATION)
+    rest = room - _LOW
+    found = [*verdicts, *fitted([varied, others], rest - _height_of(verdicts), VERIFICATION)]
+    beside = fitted(found, rest, VERIFICATION, lines=4)
+    return beside if left(room, beside) else fitted(found, room, VERIFICATION)
 
 
 def _renew(path: Path, made: Callable[[float], str]) -> None:
@@ -449,7 +451,7 @@ _MOST_ROWS, _LEAST, _FEW = 12, 8, 3
 """Largest number of knobs, and of KPIs with limits, for which one page has room; how much of it
 belongs to KPIs, and how many KPIs stay on a page that is too full."""
 _LINE = (46, 20, 16)  # characters of a name, limits and a value that stay on a line of a table
-_PAGE, _ROW, _MORE = 206.0, 3.8, 3.4
+_PAGE, _ROW, _MORE = 203.0, 3.8, 3.4
 """Height of a page without headings and lines to sign, of a row, and of a further line in it, in mm."""
 _TALL, _INCH = 125.0, 25.4  # largest height of curves with what follows them, and of an inch, in mm
 _BESIDE = 112.0  # width of curves beside the open loop, in mm
@@ -470,11 +472,11 @@ def sheet(record: StudyRecord, verified: Verified | str | None = None, loop: byt
         ScenarioError: If a panel of the scenario does not exist in an experiment.
     """
     content = sheet_of(record)
-    room = min(content["room"], _TALL)
+    room = min(round(content["room"]), _TALL)  # as the page keeps it
     holds = _holds(verified, room) if isinstance(verified, Verified) else unverified(record, verified or "")
     height = left(room, holds)
     size = height, WIDTH * _INCH
-    if loop or getattr(env_of(record.scenario.source), "plant", None) is not None:
+    if loop or plant_of(record.scenario.source) is not None:
         # What is not verified yet will take room from the curves, and add the open loop beside them.
         size = height if isinstance(verified, Verified) else (height + _LOW) / 2, _BESIDE
     picture = _curves(record, *size) if height else b""
@@ -498,12 +500,12 @@ def sheet_of(record: StudyRecord) -> dict[str, Any]:
     kept = limits_kept(before.experiment, after.experiment, resting(record.scenario))
     limits = list(kept)[: _MOST_ROWS - _LEAST]
     limits.append(_row("run ended", "", before.experiment.end.value, after.experiment.end.value))
-    room = _PAGE - _height(knobs[:_MOST_ROWS]) - _height(limits)
-    asked = fitted(answers(record), room - _ROW * _FEW - LINE * MOST_VERIFIED - _LOW, REPORT)
+    room = _PAGE - _height(knobs[:_MOST_ROWS]) - _height(limits) - 2 * _ROW  # for what has no room
+    asked = fitted(answers(record), room - _ROW * _FEW - LINE * MOST_VERIFIED, REPORT)
     room -= _height_of(asked)
     shown = list(kpis)
     while len(shown) > _MOST_ROWS - len(limits) or (
-        _height(shown) > room - LINE * MOST_VERIFIED and len(shown) > _FEW
+        _height(shown) > room - LINE * MOST_VERIFIED - _LOW and len(shown) > _FEW
     ):
         shown = foremost(kpis, len(shown) - 1, lambda kpi: kpi["cells"][0]["text"] != "–")
     heads = [record.baseline, f"experiment {after.number}", "unit"]
@@ -685,8 +687,8 @@ def write_report(record: StudyRecord, folder: Path, extra: Sequence[Picture] = (
 
 def _keep_loop(folder: Path, scenario: Scenario, found: Sequence[Margins | str]) -> None:
     """Write the picture of the open loop into a folder; remove an earlier one if margins are not known."""
-    channels = scenario.source.channels
-    if channels is not None and (drawn := open_loop(found, scenario.kpis, channels)):
+    plant = plant_of(scenario.source)
+    if plant is not None and (drawn := open_loop(found, scenario.kpis, plant)):
         put(folder / LOOP, drawn)
     else:
         (folder / LOOP).unlink(missing_ok=True)

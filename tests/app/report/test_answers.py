@@ -12,6 +12,7 @@ from prefcal_app.report.record import StudyRecord
 from prefcal_app.report.write import (
     FILE,
     answers,
+    fitted,
     page,
     refresh,
     sheet,
@@ -30,6 +31,10 @@ from toy_study import toy_record
 def test_who_answered_what_and_why_the_result_is_the_result():
     record = replace(toy_record(), settings={"calibrator": "human"}, digest="ab12")
     found = dict(answers(record))
+    named = dict(answers(replace(record, by="Ada")))["Who answered"]
+    assert named == found["Who answered"].replace("by a person", "by Ada")
+    program = dict(answers(toy_record()))["Who answered"]
+    assert "comparisons by a simulated person (" in program
     who = found["Who answered"]
     assert who.startswith(f"{len(record.trials)} experiments, {record.questions} comparisons by a person (")
     for words, count in record.verdict_counts().items():
@@ -145,6 +150,17 @@ def test_a_folder_without_a_sheet_gets_none(tmp_path):
     assert not (tmp_path / FILE).exists()
 
 
+def test_what_has_no_room_is_cut_the_longest_first_and_never_where_all_fits():
+    found = [("Who", "a " * 50), ("Why", "words " * 200)]
+    assert fitted(found, 100.0, "report.html") == found
+    (_, who), (_, why) = fitted(found, 20.0, "report.html")
+    assert who == found[0][1]
+    assert why.endswith(" … (report.html has all)")
+    assert found[1][1].startswith(why.partition(" …")[0])
+    (_, shorter) = fitted(found, 10.0, "report.html")[1]
+    assert len(shorter) < len(why)
+
+
 def test_a_pid_is_given_as_control_systems_ask_for_it():
     pid = {
         "controller": "PID",
@@ -160,6 +176,7 @@ def test_a_pid_is_given_as_control_systems_ask_for_it():
     scenario = replace(record.scenario, settings=lambda theta: pid)
     said = dict(answers(replace(record, scenario=scenario)))["The PID"]
     assert said.startswith("ISA form: K_p (b r − y + 1/T_i ∫(r − y) dt")
+    assert "Against windup the integral also gets ∫(u − v)/T_t dt" in said
     assert "Not tuned: K_p 2, T_i 10 h, T_d 3 h, b (set-point weight of K_p) 1" in said
     assert "T_s" not in said  # a knob of the toy
     assert "The PID" not in dict(answers(record))
