@@ -541,7 +541,7 @@ def open_loop(found: Sequence[Margins | str], kpis: Sequence[KPI], plant: Plant)
     if result is None:
         return b""
     with style():
-        figure = canvas(2.1, 3.9)
+        figure = canvas(2.1, 4.1)
         axes = figure.subplots()
         circle = np.exp(1j * np.linspace(0, 2 * np.pi, 361))
         axes.plot(circle.real, circle.imag, color=FAINT, linewidth=0.8, linestyle=(0, (1, 2)))

@@ -455,7 +455,7 @@ _PAGE, _ROW, _MORE = 203.0, 3.8, 3.4
 """Height of a page without headings and lines to sign, of a row, and of a further line in it, in mm."""
 _TALL, _INCH = 125.0, 25.4  # largest height of curves with what follows them, and of an inch, in mm
 _BESIDE = 112.0  # width of curves beside the open loop, in mm
-_PANELS = 3  # largest number of panels for which one page has room
+_PANELS, _PANEL = 3, 18.0  # largest number of panels for which one page has room, and height of one, in mm
 _KPI = ("title", "objective", "before", "after", "unit", "met")  # what the sheet says of a KPI
 _NEAR = 1e-6  # share of its size by which a value may miss a limit and still count as being at it
 
@@ -643,10 +643,9 @@ def _curves(record: StudyRecord, height: float, width: float) -> bytes:
     Raises:
         ScenarioError: If a panel of the scenario does not exist in an experiment.
     """
+    panels, high, wide = max(min(int(height / _PANEL), _PANELS), 1), height / _INCH, width / _INCH
     with style():
-        drawn = best_against(
-            record, references=False, panels=_PANELS, most=height / _INCH, width=width / _INCH
-        )
+        drawn = best_against(record, references=False, panels=panels, most=high, width=wide)
         return b"" if drawn is None else png(drawn)
 
 
@@ -666,7 +665,8 @@ def write_report(record: StudyRecord, folder: Path, extra: Sequence[Picture] = (
     if record.best is not None:
         put(folder / BEST, best_as_json(record).encode())
     else:
-        (folder / BEST).unlink(missing_ok=True)
+        for file in (BEST, FILE, LOOP):
+            (folder / file).unlink(missing_ok=True)
     put(folder / "comparisons.csv", comparisons_as_csv(record).encode())
     drawn = draw(record, extra)
     for stale in {p.file for p in (*PICTURES, *extra)} - {d.picture.file for d in drawn}:
@@ -678,9 +678,6 @@ def write_report(record: StudyRecord, folder: Path, extra: Sequence[Picture] = (
         if not (isinstance(verified, Verified) and _drawn_in(folder)):
             _keep_loop(folder, record.scenario, record.margins)
         put(folder / FILE, sheet(record, verified, _drawn_in(folder)).encode())
-    else:
-        for file in (FILE, LOOP):
-            (folder / file).unlink(missing_ok=True)
     put(folder / REPORT, page(record, drawn, verified, _drawn_in(folder)).encode())
     return folder / REPORT
 
