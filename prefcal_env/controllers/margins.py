@@ -1,9 +1,10 @@
 """Stability margins of a sampled loop, broken at the plant's input, for any controller."""
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import islice
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -101,7 +102,7 @@ def _reachable(
 Response = Callable[[Float[np.ndarray, " m"]], Complex[np.ndarray, "m n n"]]
 """Function of angular frequencies that returns the sensitivity (1 + L)^-1 at the plant's input."""
 
-UNCONSTRAINED = "the unconstrained law, linearized at the operating point"
+UNCONSTRAINED = "the sampled loop with the unconstrained law, linearized at the operating point"
 """What margins hold for."""
 _SMALL = 1e-4  # size of the impulse, as a share of the input's range: far from limits, and above rounding
 _LOOKS = tuple(64 * 2**k for k in range(9))
@@ -109,6 +110,19 @@ _LOOKS = tuple(64 * 2**k for k in range(9))
 slow loop counts as stable if the response still shrinks; its slowest part is continued, see `_tail`."""
 _NOTHING = 1e-6  # loop gain below which its phase is rounding: no gain that matters brings it to -1
 _STEADY = 100.0  # steady loop gain above which there may be integral action: it is infinite but for rounding
+
+
+Point = tuple[float, complex]
+"""An angular frequency, and the loop gain there."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OpenLoop:
+    """Frequency response of a loop that is opened at one input at a time, with the others closed."""
+
+    omega: Float[np.ndarray, " m"]  # angular frequencies, per unit of time; of a sampled loop up to Nyquist's
+    L: Complex[np.ndarray, "m n"]  # loop gain at each input; a loop at -1 is at the end of its margins
+    points: Mapping[str, Point]  # where the gain, gain reduction and phase margins are, if they are finite
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,8 +141,9 @@ class Margins:
         gain_reduction: Factor to which it may fall; 0 for any.
         phase: Phase that may be lost at any frequency, degrees; 180 for any.
         delay: Additional dead time, in the plant's unit of time; infinite for any.
-        M_s: Largest sensitivity, max σ(S).
+        M_s: Maximum sensitivity, max σ(S).
         disk: Disk margin α, 0 to 2 and more.
+        loop: Response that they were read from; None for an unstable loop.
     """
 
     gain: float
@@ -137,6 +152,7 @@ class Margins:
     delay: float
     M_s: float
     disk: float
+    loop: OpenLoop | None = field(default=None, repr=False, compare=False)
 
 
 UNSTABLE = Margins(1.0, 1.0, 0.0, 0.0, np.inf, 0.0)
@@ -212,25 +228,34 @@ def margins_of(sensitivity: Response, omega: Float[np.ndarray, " m"]) -> Margins
     """
     S = sensitivity(omega)
     n = S.shape[-1]
-    gains, phases, delays = [np.inf, 0.0], [np.pi], [np.inf]
-    for i in range(n):
-        L = _loop(S[:, i, i])
-
-        def at(frequency: float, i: int = i) -> complex:
-            return complex(_loop(sensitivity(np.array([frequency]))[:, i, i])[0])
-
-        gains += [-1 / value for value in _phase_crossings(at, omega, L)]
+    loops = [_loop(S[:, i, i]) for i in range(n)]
+    # Each with the point where it is; those that no point limits have none.
+    gains: list[tuple[float, Point | None]] = [(np.inf, None), (0.0, None)]
+    phases: list[tuple[float, Point | None]] = [(np.pi, None)]
+    delays = [np.inf]
+    for i, L in enumerate(loops):
+        at = partial(_loop_at, sensitivity, i)
+        gains += [(-1 / value, (crossing, value)) for crossing, value in _phase_crossings(at, omega, L)]
         for crossing in _crossings(at, lambda L: np.abs(L) - 1, omega, L):
-            lag = float(np.angle(-at(crossing))) % (2 * np.pi)  # phase lag until the loop is at -1
-            phases.append(min(lag, 2 * np.pi - lag))
+            value = at(crossing)
+            lag = float(np.angle(-value)) % (2 * np.pi)  # phase lag until the loop is at -1
+            phases.append((min(lag, 2 * np.pi - lag), (crossing, value)))
             delays.append(lag / crossing)
+    first = itemgetter(0)
+    found = {
+        "gain": min((each for each in gains if each[0] >= 1), key=first),
+        "gain reduction": max((each for each in gains if each[0] < 1), key=first),
+        "phase": min(phases, key=first),
+    }
+    points = {name: point for name, (_, point) in found.items() if point is not None}
     return Margins(
-        gain=min(gain for gain in gains if gain >= 1),
-        gain_reduction=max(gain for gain in gains if gain < 1),
-        phase=float(np.rad2deg(min(phases))),
+        gain=found["gain"][0],
+        gain_reduction=found["gain reduction"][0],
+        phase=float(np.rad2deg(found["phase"][0])),
         delay=min(delays),
         M_s=_peak(lambda w: np.linalg.svd(sensitivity(w), compute_uv=False)[:, 0], omega),
         disk=1 / _peak(lambda w: _mu(sensitivity(w) - np.eye(n) / 2), omega),
+        loop=OpenLoop(omega, np.column_stack(loops), points),
     )
 
 
@@ -330,25 +355,35 @@ class _Start:
             z = model.A @ z + model.B @ acting
 
 
+def _loop_at(sensitivity: Response, i: int, frequency: float) -> complex:
+    """Return the loop gain at an input and a frequency."""
+    return complex(_loop(sensitivity(np.array([frequency]))[:, i, i])[0])
+
+
 def _loop(S: np.ndarray) -> np.ndarray:
     """Return L = 1 / S - 1; where S is 0, as with an integrator at rest, a large one."""
     return np.asarray(1 / np.where(np.abs(S) < 1e-12, 1e-12, S) - 1)
 
 
-def _phase_crossings(at: Callable[[float], complex], omega: np.ndarray, L: np.ndarray) -> Iterator[float]:
-    """Yield the negative real values of a loop gain; at rest and at Nyquist's frequency it is always real."""
+def _phase_crossings(
+    at: Callable[[float], complex], omega: np.ndarray, L: np.ndarray
+) -> Iterator[tuple[float, float]]:
+    """Yield where a loop gain is real and negative, and its value there.
+
+    At rest and at Nyquist's frequency it is always real.
+    """
     negative = ((L.real[:-1] < 0) | (L.real[1:] < 0)) & (np.abs(L[1:]) > _NOTHING)
     for crossing in _crossings(at, np.imag, omega, L, negative):
         value = at(crossing)
         if value.real < 0 and abs(value.imag) <= 1e-6 * abs(value):
-            yield value.real
+            yield crossing, value.real
     with np.errstate(all="ignore"):
         rest = at(0.0)
     # Steady feedback that holds an unstable plant may not fall to 1: a pole would drift off without a swing.
     if -_STEADY < rest.real < -_NOTHING and abs(rest.imag) <= 1e-9 * abs(rest.real):
-        yield rest.real
+        yield 0.0, rest.real
     if L.real[-1] < -_NOTHING and abs(L.imag[-1]) <= 1e-9 * abs(L.real[-1]):
-        yield float(L.real[-1])
+        yield float(omega[-1]), float(L.real[-1])
 
 
 def _crossings(

@@ -196,8 +196,7 @@ class PID:
         self.parameters: dict[str, Any] = p
         """Parameters by name, as given."""
         self._law = PIDLaw.of(p["K_p"], p["T_i"], p["T_d"], N=p["N"], T_s=p["T_s"])
-        rule = np.sqrt(p["T_i"] * p["T_d"]) if 25 * p["T_d"] >= p["T_i"] else p["T_i"]
-        self._tracking = float(rule if p["T_t"] is None else p["T_t"])
+        self._tracking = float(tracking_time(p["T_i"], p["T_d"]) if p["T_t"] is None else p["T_t"])
         self._integral: float | None = None
         self._derivative, self._v = 0.0, 0.0
         self._r, self._y = 0.0, 0.0
@@ -264,6 +263,11 @@ class PID:
     def _proportional(self) -> float:
         p = self.parameters
         return float(p["K_p"] * (p["b"] * self._r - self._y))
+
+
+def tracking_time(T_i: float, T_d: float) -> float:
+    """Return the tracking time of a `PID` that states none: √(T_i T_d), or T_i for little derivative."""
+    return float(np.sqrt(T_i * T_d)) if 25 * T_d >= T_i else T_i
 
 
 @storable
@@ -402,7 +406,7 @@ def ziegler_nichols(plant: LinearSystem, omega: Float[np.ndarray, " m"], sign: f
 
 
 ROBUST = (1.6, 2.0, 2.5, 3.5, np.inf)
-"""Largest sensitivities, from the recommended range to what difficult plants allow."""
+"""Maximum sensitivities, from the recommended range to what difficult plants allow."""
 
 
 def robust(

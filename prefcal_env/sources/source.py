@@ -227,6 +227,7 @@ class Source:
         signals: Keys of the experiments' signals; None if they are not known.
         computes_kpis: Whether the experiments have KPIs.
         controller: Function that builds the controller of a θ; None if there is none.
+        function: Function of θ that does the runs, here or elsewhere; None if there is none.
         maneuvers: Sources of the maneuvers by name; empty for a single run.
         stops: Whether a run can be stopped.
         limit: Time limit of a run in seconds; None if it has none that is known.
@@ -244,6 +245,7 @@ class Source:
     signals: tuple[str, ...] | None = None
     computes_kpis: bool = True
     controller: Callable[..., Any] | None = None
+    function: Callable[..., Any] | None = None
     maneuvers: "Mapping[str, Source]" = MappingProxyType({})
     stops: bool = False
     limit: float | None = None
@@ -356,6 +358,7 @@ _DECLARED = (
     "channels",
     "signals",
     "controller",
+    "function",
     "stops",
     "limit",
     "recovers",
@@ -455,7 +458,7 @@ class Function(Source):
     def __init__(
         self, function: Callable[..., Experiment], varied: Callable[..., Varied] | None = None
     ) -> None:
-        self.function = function
+        self.function: Callable[..., Experiment] = function
         own = getattr(owner_of(function), "varied", None)
         self._varied = varied or (own if callable(own) else None)
         channels = getattr(function, "channels", None)
@@ -516,11 +519,19 @@ def source_of(run: Any) -> Source:
 
 def function_of(run: Any) -> Any:
     """Return the function of θ behind a run or its source; None if there is none."""
-    if isinstance(run, WithKPIs):
-        return function_of(run.source)
-    if isinstance(run, Function):
-        return run.function
-    return None if isinstance(run, Source) else run
+    return run.function if isinstance(run, Source) else run
+
+
+def env_of(source: Source) -> Any:
+    """Return the environment of a closed loop, of maneuvers that of the first one; else something else."""
+    loop = owner_of(function_of(next(iter(source.maneuvers.values()), source)))
+    return getattr(loop, "env", loop)
+
+
+def plant_of(source: Source) -> Plant | None:
+    """Return the plant of a source that is a closed loop, the nominal one; None for any other source."""
+    found: Plant | None = getattr(env_of(source), "plant", None)
+    return found
 
 
 class Maneuvers(Source):

@@ -105,7 +105,7 @@ class Isolated(Source):
     ) -> None:
         self._own, self._path, self._workers, self._space = own, path, tuple(workers), space
         self.channels, self.signals, self.controller = own.channels, own.signals, own.controller
-        self.maneuvers, self.limit = own.maneuvers, workers[0].limit
+        self.function, self.maneuvers, self.limit = own.function, own.maneuvers, workers[0].limit
         self._idle = SimpleQueue[Worker]()
         for worker in workers:
             self._idle.put(worker)

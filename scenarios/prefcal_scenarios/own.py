@@ -69,6 +69,13 @@ def fingerprint(source: str) -> str:
     return digest.hexdigest()[:16]
 
 
+def files_of(source: str) -> list[Path]:
+    """Return the files that describe a scenario, those of `fingerprint`, as far as they are there."""
+    name, config = split_source(source)
+    named = [file_in(text)[0] for text in (name, *(config or {}).values()) if isinstance(text, str)]
+    return list(dict.fromkeys(file for path in named if path is not None for file in _described_by(path)))
+
+
 def file_in(text: str) -> tuple[Path | None, str]:
     """Return the file that "own.py:name" or "tank.toml" names, and the rest."""
     before, _, after = text.rpartition(":")

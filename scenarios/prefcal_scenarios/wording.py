@@ -10,6 +10,7 @@ from typing import Any
 
 from markupsafe import Markup, escape
 
+from prefcal_env.controllers.pid import tracking_time
 from prefcal_env.disk import whole_file
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import End, Experiment
@@ -220,6 +221,11 @@ def _forms(pid: Mapping[str, Any], end: str, gain: str, time: str) -> Iterator[P
     yield PIDParameter(ISA, f"T_d{end}", T_d, time)
     yield PIDParameter(PARALLEL, f"K_i{end}", K_p / T_i, f"{plain}/{time}", "K_p/T_i")
     yield PIDParameter(PARALLEL, f"K_d{end}", K_p * T_d, f"{gain} {time}".strip(), "K_p T_d")
+    if isfinite(T_i):
+        stated, rule = pid.get("T_t"), "√(T_i T_d)" if 25 * T_d >= T_i else "T_i"
+        tracking = tracking_time(T_i, T_d) if stated is None else stated
+        name = f"T_t{end} (tracking time of the anti-windup)"
+        yield PIDParameter(BOTH, name, tracking, time, rule if stated is None else "")
     yield PIDParameter(BOTH, f"T_f{end} (filter of the derivative)", T_d / N, time, "T_d/N")
     yield PIDParameter(BOTH, f"b{end} (set-point weight of K_p)", pid["b"], "")
     yield PIDParameter(BOTH, f"c{end} (set-point weight of T_d)", pid["c"], "")

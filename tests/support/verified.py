@@ -6,7 +6,7 @@ from prefcal_scenarios.verification.result import Verified, WorstRun
 FOUND = Verified(
     statement="298 of 299 runs keep the stated limits.",
     limits_kept="Stated limits: a safe end.",
-    margins_kept="Margins of the nominal loop: sensitivity peak M_s 1.7, required ≤ 2: kept.",
+    margins_kept="Margins of the nominal loop: maximum sensitivity M_s 1.7, required ≤ 2: kept.",
     advice=("relax the limit of overshoot: with ≤ 9 % in place of ≤ 5 %, 299 of 299 runs hold",),
     share=0.99,
     bound=0.02,

@@ -121,7 +121,8 @@ def interruption(*, others: bool = False) -> Iterator[Interruption]:
 # --- An open study with all that works on it: its interview, its simulator and its report.
 
 _SOON = 0.5  # seconds after which it is said what takes time, where no spinner can turn
-_KNOWN = 2.0  # longest wait, in seconds, for what is said of a result before its first report is written
+SAID_SOON = 2.0
+"""Longest wait, in seconds, for what is said of a result before its first report is written."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,10 +203,10 @@ class Calibration:
     def wait_for_findings(self) -> None:
         """Wait for all that is said of the result, with a word if that takes a while."""
         known = self.interview.known
-        if not self.over or known.wait_for_findings(_KNOWN):
+        if not self.over or known.wait_for_findings(SAID_SOON):
             return
         self.say("Working out what the answers say of the result ... (Ctrl-C goes without)")
-        while self.over and not self.interview.is_closed and not known.wait_for_findings(_KNOWN):
+        while self.over and not self.interview.is_closed and not known.wait_for_findings(SAID_SOON):
             pass
 
     def write(self, *, failed: bool = False) -> StudyRecord:
@@ -523,7 +524,7 @@ class _Telling:
             return None
         _, _, over = result
         if over and self.result is None:
-            self.whole = work.interview.known.wait_for_findings(_KNOWN)
+            self.whole = work.interview.known.wait_for_findings(SAID_SOON)
             record = work.write()
             if not work.options.json:
                 work.tell(record)

@@ -81,6 +81,7 @@ class Options(Described):
 
     Args:
         calibrator: Who compares: human, or one of the scenario's synthetic calibrators.
+        by: Your name, which the acceptance sheet says.
         agent: Who proposes.
         simulate: Number of experiments to simulate unseen. The agent screening learns from your
             answers which of them you would like, and shows only a few. 0: run only what is shown,
@@ -116,6 +117,7 @@ class Options(Described):
     """
 
     calibrator: Annotated[str, Option(metavar="NAME"), Kept("calibrator", always=True)] = HUMAN
+    by: Annotated[str | None, Option(metavar="NAME", show_default="none"), Kept()] = None
     agent: Annotated[
         str,
         Option(
@@ -186,6 +188,8 @@ class Options(Described):
         for name, most in (("seed", MOST_SEED), ("simulate", MOST_SIMULATED)):
             if getattr(self, name) > most:
                 _refuse(f"--{name} must be at most {most}, got {getattr(self, name)}")
+        if self.by is not None and not self.by_a_person:
+            _refuse(f"--by names the person who answers, here {self.calibrator} does: leave it out")
         if self.n_init > self.n_max:
             _refuse(f"--n-max must be at least --n-init, got --n-max {self.n_max} and --n-init {self.n_init}")
 
@@ -323,7 +327,7 @@ class ChooseOptions:
     of: Annotated[str | None, Option(metavar="NAME", show_default="the only one")] = None
 
 
-CHOOSING = ("study", "seed", "n_max", "start", "out", "terminal", "browser", "host", "port", "json")
+CHOOSING = ("by", "study", "seed", "n_max", "start", "out", "terminal", "browser", "host", "port", "json")
 """Options of `Options` that `prefcal choose` takes, too."""
 
 

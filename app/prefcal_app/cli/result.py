@@ -62,6 +62,7 @@ def record_of(interview: Interview, options: Options, references: Mapping[str, E
         dates=tuple(dict.fromkeys((times[0], times[-1]))),
         baseline=baseline_of(state),
         fingerprint=then if then == today else f"{then}; its files have changed since, now {today}",
+        by=options.by or "",
         digest=interview.file.digest if options.by_a_person and interview.file.path != IN_MEMORY else "",
     )
 

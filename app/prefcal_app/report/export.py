@@ -1,4 +1,4 @@
-"""Export the tuned controller to a file, `best.json`, and rebuild the controller from it."""
+"""Export the tuned controller to a file, `best.json`, rebuild it from there, and say what it was tuned on."""
 
 import json
 import platform
@@ -14,15 +14,20 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.arrays import is_number
+from prefcal_env.disk import digest_of
 from prefcal_env.errors import ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import Controller, End
 from prefcal_env.knobs import KnobSpace
+from prefcal_env.plants.plant import Disturbed
+from prefcal_env.plants.systems import LinearPlant, LinearSystem
+from prefcal_env.sources.source import plant_of
 from prefcal_env.units import named, same
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.described.making import controller_of
-from prefcal_scenarios.names import is_own
-from prefcal_scenarios.own import file_in, joined_source, split_source
+from prefcal_scenarios.names import CASES, is_built_in, is_own
+from prefcal_scenarios.own import file_in, files_of, joined_source, split_source
 from prefcal_scenarios.scenario import Scenario, with_ranges
+from prefcal_scenarios.wording import number
 
 from .record import StudyRecord, refuse_outdated
 
@@ -272,3 +277,84 @@ def _same_settings(stored: Any, now: Any, path: str | Path) -> None:
         f"the controller settings in {str(path)!r} differ from this version's "
         f"({'; '.join(changed) or stored}); pass check=False to build it with this version's"
     )
+
+
+# --- Say on which model a controller was tuned: its equations, or its files with their digests.
+
+_ORDER = 4  # largest number of states of a transfer function that people can read
+_PAGES = {"cstr": "environments.md", "overtake": "overtaking.md"}
+"""Pages of the documentation that describe built-in models; those of all others are in loops.md."""
+
+
+def model(record: StudyRecord) -> str:
+    """Return on which model a study was made, in sentences: source, version, equations, and files."""
+    made = f", fingerprint of the scenario {record.fingerprint}" if record.fingerprint else ""
+    said = [f"{record.source}{made}, prefcal {versions()['prefcal']}"]
+    plant = plant_of(record.scenario.source)
+    if isinstance(plant, Disturbed):
+        plant = plant.plant
+    if isinstance(plant, LinearPlant):
+        said += [equations(plant)]
+    elif plant is not None:
+        said += [f"Equations in code, states: {', '.join(state.name for state in plant.states)}"]
+    if is_built_in(record.source):
+        name = split_source(record.source)[0]
+        said += [f"Built in, documented in docs/{_PAGES[name] if name in CASES else 'loops.md'}"]
+    files = ", ".join(f"{path.name} (SHA-256 {digest_of(path)[:16]}…)" for path in files_of(record.source))
+    return ". ".join([*said, *([f"Files: {files}"] if files else [])]) + "."
+
+
+def equations(plant: LinearPlant) -> str:
+    """Return a linear plant as text: its transfer functions, or the digest of large matrices."""
+    # Imported here: what only asks for versions needs no plants.
+    from prefcal_env.controllers.margins import minimal
+
+    J, names = plant.system, [c.name for c in (*plant.inputs, *plant.disturbances)]
+    late, unit = _dead_times(plant), plant.time_unit
+    rows, sizes = list[str](), list[int]()
+    for i, output in enumerate(plant.outputs):
+        entries = [minimal(J.part([i], [j])) for j in range(len(names))]
+        sizes += [len(entry.A) for entry in entries]
+        terms = [f"{_fraction(e, late[i, j])} {names[j]}" for j, e in enumerate(entries) if e.B.any() or e.D]
+        rows.append(f"{output.name} = {' + '.join(terms) or 0}".replace("+ −", "− "))
+    if max(sizes) > _ORDER:
+        digest = sha256(b"".join(np.ascontiguousarray(M).tobytes() for M in (J.A, J.B, J.C, J.D))).hexdigest()
+        return f"{plant.name}: linear, {len(J.A)} states, SHA-256 of its matrices {digest[:16]}…"
+    time = f"z of a sample of {number(J.dt)} {unit}" if J.dt else f"time in {unit}"
+    return f"{'; '.join(rows)} ({time})"
+
+
+def _dead_times(plant: LinearPlant) -> Float[np.ndarray, "n_y n"]:
+    """Return the dead time from each input and disturbance to each output; none is before a disturbance."""
+    from prefcal_env.envs.plant_env import dead_times
+
+    after = np.tile(np.array(plant.output_delay)[:, None], len(plant.disturbances))
+    return np.hstack([dead_times(plant), after])
+
+
+def _fraction(J: LinearSystem, late: float) -> str:
+    """Return a transfer function of one input and one output, after a dead time, as people write it."""
+    den, changed = (np.poly(M) if len(M) else np.ones(1) for M in (J.A, J.A - J.B @ J.C))
+    num = changed + (J.D.item() - 1) * den
+    num[np.abs(num) < 1e-9 * np.maximum(np.abs(den), np.abs(changed))] = 0.0  # the rounding of a difference
+    if not J.dt:  # as K/(T s + 1), with time constants
+        last = np.abs(den[np.flatnonzero(np.abs(den) > 1e-12 * np.abs(den).max())[-1]])
+        num, den = num / last, den / last
+    wait = "" if not late else f" z^−{late / J.dt:.0f}" if J.dt else f" e^(−{number(late)} s)"
+    above, below = (_polynomial(p, "z" if J.dt else "s") for p in (num, den))
+    above, below = (f"({p})" if " + " in p or " − " in p else p for p in (above, below))
+    return f"{above}{wait}" if below == "1" else f"{above}{wait}/{below}"
+
+
+def _polynomial(coefficients: Float[np.ndarray, " n"], name: str) -> str:
+    """Return a polynomial as text, the highest power first."""
+    terms = []
+    for power, value in zip(range(len(coefficients) - 1, -1, -1), coefficients.tolist(), strict=True):
+        if abs(value) > 1e-12 * np.abs(coefficients).max():
+            symbol = "" if not power else name + str(power).translate(_POWERS).replace("¹", "")
+            text = f"{value:.6g}"
+            terms.append({"1": "", "-1": "-"}.get(text, f"{text} ") + symbol if symbol else text)
+    return " + ".join(terms or ["0"]).replace("+ -", "- ").replace("-", "−")
+
+
+_POWERS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")

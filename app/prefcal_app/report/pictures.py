@@ -13,11 +13,27 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullLocator
 
 from prefcal_app.view.now import slices_view
+from prefcal_env.controllers.margins import Margins, OpenLoop
 from prefcal_env.experiments.experiment import Channel, Experiment
 from prefcal_env.experiments.panels import Plot, maneuvers_of
 from prefcal_env.knobs import Knob
+from prefcal_env.plants.plant import Plant
 from prefcal_scenarios.scenario import KPI, Picture, Scenario, panels_of
-from prefcal_scenarios.style import BEST, FAINT, FIRST, GOOD, LIMIT, OTHERS, canvas, legend, look, png, style
+from prefcal_scenarios.style import (
+    BEST,
+    FAINT,
+    FIRST,
+    GOOD,
+    INK,
+    LIMIT,
+    OTHERS,
+    WIDTH,
+    canvas,
+    legend,
+    look,
+    png,
+    style,
+)
 from prefcal_scenarios.wording import knob_axis, knob_number, labeled, mathtext, measured, number, theta_text
 
 from .record import StudyRecord, foremost_kpis
@@ -68,7 +84,12 @@ def curves_of(record: StudyRecord, *, references: bool = True) -> list[DrawnRun]
 
 
 def best_against(
-    record: StudyRecord, *, references: bool = True, panels: int | None = None, most: float = np.inf
+    record: StudyRecord,
+    *,
+    references: bool = True,
+    panels: int | None = None,
+    most: float = np.inf,
+    width: float = WIDTH,
 ) -> Figure | None:
     """Draw the best trajectory with what it is compared with; None without any record.
 
@@ -77,12 +98,13 @@ def best_against(
         references: Whether to draw the references, and zooms on targets with a narrow band.
         panels: Largest number of panels, most important first; None for all.
         most: Largest height of the figure, in inches.
+        width: Width of the figure, in inches.
     """
     curves = curves_of(record, references=references)
     if not curves:
         return None
     draws = partial(panels_of, record.scenario)
-    return _together(lambda *runs: draws(*runs)[:panels], curves, zooms=references, most=most)
+    return _together(lambda *runs: draws(*runs)[:panels], curves, zooms=references, most=most, width=width)
 
 
 def figure(
@@ -149,6 +171,7 @@ def _together(
     *,
     zooms: bool = False,
     most: float = np.inf,
+    width: float = WIDTH,
 ) -> Figure:
     """Draw runs over each other: a column of panels for each maneuver, with a legend.
 
@@ -157,6 +180,7 @@ def _together(
         curves: Runs with their labels and colors; one or more left a record.
         zooms: Whether a narrow band around a target gets a panel of its own, without maneuvers.
         most: Largest height of the figure, in inches.
+        width: Width of the figure, in inches.
     """
     parts = maneuvers_of(*(curve.experiment for curve in curves))
     blocks = []
@@ -175,21 +199,21 @@ def _together(
     count = max(len(block.rows) for block in blocks) * -(-len(blocks) // across)
     each = 1.75 if len(parts) == 1 else 1.6
     height = 0.75 + each * count if np.isinf(most) else min(most, 0.8 + 2.2 * count)
-    figure, tops = _drawn(blocks, across, height, short=len(parts) > 1)
+    figure, tops = _drawn(blocks, across, height, width, short=len(parts) > 1)
     fullest = max(range(len(blocks)), key=lambda i: len(blocks[i].curves))
     legend(figure, tops[fullest], len(curves))
     return figure
 
 
 def _drawn(
-    blocks: Sequence[_Block], across: int, height: float, *, short: bool = False
+    blocks: Sequence[_Block], across: int, height: float, width: float = WIDTH, *, short: bool = False
 ) -> tuple[Figure, list[Axes]]:
-    """Draw blocks in `height` inches; return the figure, and the first axes of each block.
+    """Draw blocks in `height` by `width` inches; return the figure, and the first axes of each block.
 
     Blocks of the same rows next to each other share their axes.
     """
     count = max(len(block.rows) for block in blocks)
-    figure = canvas(height)
+    figure = canvas(height, width)
     grid = figure.subplots(count * -(-len(blocks) // across), across, squeeze=False)
     for axes in grid.flat:
         axes.set_visible(False)
@@ -489,6 +513,67 @@ def _along(axes: Axes, knob: Knob) -> None:
     else:
         axes.xaxis.set_major_locator(MaxNLocator(5, integer=knob.integer))
     axes.set_xlim(knob.low, knob.high)
+
+
+# --- Draw the open loop, from which margins are read.
+
+_WINDOW = (-2.0, 1.2, -1.7, 1.2)  # smallest ranges of a Nyquist diagram: real, imaginary
+_MARKS = {
+    "gain": ("D", "gain margin"),
+    "gain reduction": ("s", "gain may fall by"),
+    "phase": ("o", "phase margin"),
+}
+"""Marker and name of what limits the result."""
+
+
+def open_loop(found: Sequence[Margins | str], kpis: Sequence[KPI], plant: Plant) -> bytes:
+    """Return a PNG with the Nyquist diagram of the result and of the tuning before; empty without one.
+
+    Of several inputs each has a curve, with the other loops closed.
+
+    Args:
+        found: Margins of the result, then perhaps of the tuning before.
+        kpis: KPIs, among which a limit of M_s may be.
+        plant: Plant, whose inputs and unit of time are named.
+    """
+    inputs, unit = [c.name for c in plant.inputs], plant.time_unit
+    result, *others = (m.loop if isinstance(m, Margins) else None for m in found)
+    if result is None:
+        return b""
+    with style():
+        figure = canvas(2.1, 4.1)
+        axes = figure.subplots()
+        circle = np.exp(1j * np.linspace(0, 2 * np.pi, 361))
+        axes.plot(circle.real, circle.imag, color=FAINT, linewidth=0.8, linestyle=(0, (1, 2)))
+        for kpi in (k for k in kpis if k.name == "M_s" and k.margin and np.isfinite(k.at_most)):
+            ring, words = circle / kpi.at_most - 1, f"limit $M_s$ ≤ {number(kpi.at_most)}"
+            axes.plot(ring.real, ring.imag, color=LIMIT, linewidth=1.1, linestyle=(0, (5, 3)), label=words)
+        drawn = [(loop, "before", FIRST, 1.1) for loop in others if loop is not None]
+        for loop, words, color, width in (*drawn, (result, "result", BEST, 1.7)):
+            for i, name in enumerate(inputs):
+                L, dashes = loop.L[:, i], "-" if not i else look(i - 1)[1]
+                label = words if len(inputs) == 1 else f"{words}, {name}"
+                axes.plot(L.real, L.imag, color=color, linewidth=width, linestyle=dashes, label=label)
+        _marks(axes, result, unit)
+        axes.plot(-1, 0, "+", color=INK, markersize=9)
+        axes.set_title(f"Open loop, sampled every {number(np.pi / result.omega[-1])} {unit} (Nyquist)")
+        axes.set_aspect("equal", adjustable="box")
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
+        return png(figure)
+
+
+def _marks(axes: Axes, loop: OpenLoop, unit: str) -> None:
+    """Mark where margins are read, with their frequencies, and show what is around these points."""
+    left, right, low, high = _WINDOW
+    for name, (omega, L) in loop.points.items():
+        marker, words = _MARKS[name]
+        phase, decibels = round(abs(np.angle(-L, deg=True)), 1), round(abs(20 * np.log10(abs(L))), 2)
+        size = f"{number(phase)}°" if name == "phase" else f"{number(decibels)} dB"
+        label = f"{words} {size}\nat {number(omega)} rad/{unit}"
+        axes.plot(L.real, L.imag, marker, color=BEST, markersize=5, label=label)
+        left = min(left, max(1.2 * L.real, 4 * left))
+    axes.set_xlim(left, right)
+    axes.set_ylim(low * (right - left) / 3.2, high * (right - left) / 3.2)
 
 
 # --- List and draw the figures of a report, with captions and texts for people who cannot see them.

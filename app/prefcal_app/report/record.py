@@ -22,15 +22,18 @@ from prefcal_app.summary import VERDICTS as VERDICTS
 from prefcal_app.summary import Outlook, Spread
 from prefcal_app.view.end import FIRST, gain_view, gained
 from prefcal_app.view.question import cell, column, judged, row, table, theta_texts, theta_view
-from prefcal_env.errors import SettingsError, StaleError, StudyError
+from prefcal_env.controllers.margins import Margins
+from prefcal_env.errors import PrefcalError, SettingsError, StaleError, StudyError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.panels import named
 from prefcal_env.knobs import theta_key
 from prefcal_env.preferences.answer import Comparison, Preference
+from prefcal_env.sources.source import plant_of
 from prefcal_env.study import StudyFile, study_path, to_text
 from prefcal_env.wording import in_words, locate
 from prefcal_scenarios.runs import WORST, grouped
 from prefcal_scenarios.scenario import KPI, Scenario
+from prefcal_scenarios.verification.result import UNKNOWN, margins_at
 from prefcal_scenarios.wording import (
     PIDParameter,
     ended_text,
@@ -41,6 +44,7 @@ from prefcal_scenarios.wording import (
     number,
     objective,
     pid_forms,
+    with_unit,
 )
 
 # --- Reserve a folder for each study, so that a report never replaces another study's.
@@ -256,6 +260,7 @@ class StudyRecord:
         baseline: What the first experiment is, with which the result is compared; see `baseline_of`.
         fingerprint: Fingerprint of the scenario's files; empty if unknown.
         digest: SHA-256 of the study file, in hexadecimal digits; empty if there is none.
+        by: Name of the person who answered; empty if it was not given.
     """
 
     scenario: Scenario
@@ -280,6 +285,7 @@ class StudyRecord:
     baseline: str = FIRST
     fingerprint: str = ""
     digest: str = ""
+    by: str = ""
 
     @cached_property
     def trials(self) -> tuple[Trial, ...]:
@@ -322,7 +328,8 @@ class StudyRecord:
 
         A study that a program can repeat has no dates, so that it gives equal reports.
         """
-        by = "a person" if self.by_a_person else str(self.settings.get("calibrator", "a program"))
+        program = f"a simulated person ({self.settings.get('calibrator', 'a program')})"
+        by = self.by or "a person" if self.by_a_person else program
         minutes = [at[:16].replace("T", " ") for at in self.dates if self.by_a_person]
         when = " to ".join(dict.fromkeys(minutes))
         found = {
@@ -338,6 +345,17 @@ class StudyRecord:
     def thetas(self) -> Float[np.ndarray, "N n"]:
         """Return the θ of every trial, physical, shape (N, n)."""
         return np.array([t.experiment.theta for t in self.trials]).reshape(-1, len(self.scenario.space))
+
+    @cached_property
+    def margins(self) -> tuple[Margins | str, ...]:
+        """Return the margins of the result and of the tuning before, or why there are none."""
+        assert self.best is not None
+        try:
+            known = self.scenario.source.varied()
+        except PrefcalError:  # such as a file that runs in a process of its own
+            has_plant = plant_of(self.scenario.source) is not None
+            return ("prefcal verify best.json computes them" if has_plant else UNKNOWN,)
+        return tuple(margins_at(known, trial.experiment.theta) for trial in (self.best, self.before))
 
     @property
     def asked(self) -> tuple[Comparison, ...]:
@@ -488,6 +506,14 @@ def foremost_kpis(record: StudyRecord, room: int) -> list[KPI]:
     return foremost(list(filter(tells, ranked)), room, lambda k: bool(objective(k)))
 
 
+_PID_FORMS = (
+    "ISA form: K_p (b r − y + 1/T_i ∫(r − y) dt + T_d d(c r − y)/dt), derivative filtered with T_f. "
+    "Parallel form: K_i and K_d in place of K_p/T_i and K_p T_d. Against windup the integral also gets "
+    "∫(u − v)/T_t dt, v being the output before the limits and u after them."
+)
+"""What the parameters of a PID mean."""
+
+
 def pid_forms_of(record: StudyRecord) -> list[tuple[PIDParameter, str, str]]:
     """Return each parameter of a tuned PID in both forms, with its best value and that before.
 
@@ -509,6 +535,18 @@ def pid_forms_of(record: StudyRecord) -> list[tuple[PIDParameter, str, str]]:
     return [(new, text(new), text(old)) for new, old in zip(best, before, strict=True)]
 
 
+def pid_text(record: StudyRecord) -> str:
+    """Return the form of a tuned PID, and what of it was not tuned; empty for other controllers."""
+    parts = [p for p, *_ in pid_forms_of(record)]
+    if not parts:
+        return ""
+    fixed = [
+        p for p in parts if not p.derived and p.name.partition(" ")[0] not in record.scenario.space.names
+    ]
+    rest = ", ".join(f"{p.name} {with_unit(number(p.value), p.unit)}" for p in fixed)
+    return f"{_PID_FORMS}{f' Not tuned: {rest}.' if rest else ''}"
+
+
 def pid_table(record: StudyRecord) -> dict[str, Any] | None:
     """Return the tuned PID in the ISA and the parallel form; None for other controllers."""
     before = record.baseline
@@ -516,10 +554,7 @@ def pid_table(record: StudyRecord) -> dict[str, Any] | None:
         row(p.name, (cell(p.form, kind="words"), cell(new, kind="best"), cell(old)), unit=p.unit)
         for p, new, old in pid_forms_of(record)
     ]
-    caption = (
-        "ISA form: K_p (b r − y + 1/T_i ∫(r − y) dt + T_d d(c r − y)/dt). Parallel form: K_i and "
-        f"K_d in place of K_p/T_i and K_p T_d. To go back, set the values of the {before}."
-    )
+    caption = f"{_PID_FORMS} To go back, set the values of the {before}."
     return table("The PID in both forms", ("", "form", "best", before), rows, caption) if rows else None
 
 

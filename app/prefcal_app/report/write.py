@@ -17,17 +17,17 @@ from markupsafe import Markup
 
 from prefcal_app.view.end import FIRST
 from prefcal_app.view.question import cell, row, table, theta_view
+from prefcal_env.controllers.margins import Margins
 from prefcal_env.disk import digest_of
-from prefcal_env.errors import PrefcalError, ScenarioError, StaleError
+from prefcal_env.errors import ScenarioError, StaleError
 from prefcal_env.experiments.experiment import Channel, End, Experiment
 from prefcal_env.plants.jacobians import U
-from prefcal_env.sources.source import function_of, owner_of
+from prefcal_env.sources.source import env_of, plant_of
 from prefcal_env.sources.varied import Ranges
-from prefcal_scenarios import verification
 from prefcal_scenarios.isolated import DEFAULT_LIMIT
 from prefcal_scenarios.runs import Progress
 from prefcal_scenarios.scenario import Picture, Scenario
-from prefcal_scenarios.style import png, style
+from prefcal_scenarios.style import WIDTH, png, style
 from prefcal_scenarios.verification import Verification, verify
 from prefcal_scenarios.verification.result import (
     BEST,
@@ -51,8 +51,8 @@ from prefcal_scenarios.wording import (
     with_unit,
 )
 
-from .export import REBUILD, BestTuning, best_as_json, tuning_of, versions
-from .pictures import PICTURES, Drawn, best_against, draw, figure
+from .export import REBUILD, BestTuning, best_as_json, model, tuning_of, versions
+from .pictures import PICTURES, Drawn, best_against, draw, figure, open_loop
 from .record import (
     StudyRecord,
     comparison_table,
@@ -63,6 +63,7 @@ from .record import (
     gain_rows,
     pid_forms_of,
     pid_table,
+    pid_text,
     result_table,
 )
 
@@ -96,14 +97,17 @@ REPORT = "report.html"
 """Name of the file of the report."""
 
 
-def page(record: StudyRecord, drawn: Sequence[Drawn], verified: Verified | str | None = None) -> str:
-    """Return the text of report.html, with what was verified as for `sheet`."""
-    view: dict[str, Any] = {"lead": lead(record), "rebuild": REBUILD}
+def page(
+    record: StudyRecord, drawn: Sequence[Drawn], verified: Verified | str | None = None, loop: bytes = b""
+) -> str:
+    """Return the text of report.html, with what was verified and the open loop as for `sheet`."""
+    view: dict[str, Any] = {"lead": lead(record), "rebuild": REBUILD, "origin": record.origin}
     if record.best is not None:
         theta = theta_view(record.scenario.space, record.best.experiment)
         view |= {"theta": theta, "pid": pid_table(record), "experiments": experiment_table(record)}
         view |= {"gain": gain_of(record), "result": result_table(record)}
-        view |= {"verified": Markup(_in_report(verified))}
+        view["origin"] |= {"model": model(record)}
+        view |= {"verified": Markup(_in_report(verified, loop))}
     if record.asked and not record.scored:
         view["comparisons"] = comparison_table(record)
     template = environment().get_template("report/report.html.j2")
@@ -141,10 +145,13 @@ _RUN = (
     f"{_UNKNOWN}: other gains, dead times, noise, loads and set points than modeled. Run prefcal verify "
     "best.json, which completes this page."
 )
-_WIDE, _MOST = 100, 440  # characters of a line of an answer, and the most of an answer
-LINE, MOST_VERIFIED = 3.4, 15
+_WIDE = 107  # characters of a line of an answer
+LINE, MOST_VERIFIED = 3.2, 16
 """Height of a line of an answer in mm, and the usual number of lines of what was verified."""
-_LOW = 25.0  # smallest height of curves that tell anything, in mm
+_LOW = 36.0  # smallest height of curves that tell anything, in mm
+LOOP = "open_loop.png"
+"""Name of the picture from which margins are read."""
+_LOOP_ALT = "Nyquist diagram of the open loop, before and after, with the margins that it shows"
 
 Answers = list[tuple[str, str]]
 """Questions, in a few words, each with its answer."""
@@ -152,40 +159,24 @@ Answers = list[tuple[str, str]]
 
 def answers(record: StudyRecord) -> Answers:
     """Return what is asked about the study: who and how, why this tuning, its form, and the way back."""
-    by, digits = (record.origin.get(key) for key in ("answered by", "fingerprint of the scenario"))
+    by = record.origin.get("answered by", "a score")
     counts = ", ".join(f"{words} {n}" for words, n in record.verdict_counts().items() if n)
     each = f" ({counts}; each one in comparisons.csv)" if record.questions else ""
     partial = "; the study is not complete" if record.partial else ""
     digest = f" SHA-256 of the study file: {record.digest}." if record.digest else ""
-    made = f", fingerprint of the scenario {digits}" if digits else ""
     promise, told = ("", ()) if record.outlook is None else (record.outlook.promise, record.outlook.result)
     found = {
         "Who answered": f"{len(record.trials)} experiments, {record.questions} comparisons by "
-        f"{by or 'a score'}{each}{partial}.{digest}",
-        "On which model": f"{record.source}{made}, prefcal {versions()['prefcal']}.",
+        f"{by}{each}{partial}.{digest}",
+        "On which model": model(record),
         "Enough answers": promise
         or "Not stated: only where candidates are simulated, at the end of a study.",
         "Why this one": " ".join(told)
         or "It is the best by the answers, each of which is in comparisons.csv.",
-        "The PID": _pid(record),
+        "The PID": pid_text(record),
         "The way back": _back(record),
     }
-    return [(question, _short(answer, "report.html")) for question, answer in found.items() if answer]
-
-
-def _pid(record: StudyRecord) -> str:
-    """Return the form of a tuned PID, and what of it was not tuned; empty for other controllers."""
-    parts = [p for p, *_ in pid_forms_of(record)]
-    if not parts:
-        return ""
-    fixed = [
-        p for p in parts if not p.derived and p.name.partition(" ")[0] not in record.scenario.space.names
-    ]
-    rest = ", ".join(f"{p.name} {with_unit(number(p.value), p.unit)}" for p in fixed)
-    return (
-        "ISA form: K_p (b r − y + 1/T_i ∫(r − y) dt + T_d d(c r − y)/dt), derivative filtered with T_f. "
-        f"Parallel form: K_i and K_d in place of K_p/T_i and K_p T_d.{f' Not tuned: {rest}.' if rest else ''}"
-    )
+    return [(question, answer) for question, answer in found.items() if answer]
 
 
 def _back(record: StudyRecord) -> str:
@@ -201,14 +192,7 @@ def _back(record: StudyRecord) -> str:
 
 def unverified(record: StudyRecord, why: str = "") -> Answers:
     """Return what is asked about margins and other plants before anything is verified, and why."""
-    assert record.best is not None
-    scenario, both = record.scenario, [record.best.experiment, record.before.experiment]
-    try:
-        known = scenario.source.varied()
-        found = [verification.result.margins_at(known, each.theta) for each in both]
-    except PrefcalError:  # such as a file that runs in a process of its own
-        found = ["prefcal verify best.json computes them if the plant is known as equations"]
-    said = margins_said(found, both[0].channels.time_unit)
+    said = margins_said(record.margins, record.before.experiment.channels.time_unit)
     return [("Other plants", f"{_RUN} {why}." if why else _RUN), ("Margins", _margins(*said))]
 
 
@@ -230,7 +214,7 @@ def verified_answers(verified: Verified) -> Answers:
     rows = (f"{name} {span}{f' ({kind})' * (kind != USUAL)}" for name, span, kind in verified.varied)
     found["Varied"] = f"{'; '.join(rows) or 'nothing'}. Beyond these ranges: {_UNKNOWN}."
     found["Not varied"] = f"{'; '.join(what for what, _ in verified.left_out)}. Why: report.html."
-    return [(question, _short(answer, "verification.json")) for question, answer in found.items()]
+    return list(found.items())
 
 
 def verified_tables(verified: Verified) -> dict[str, list[dict[str, Any]]]:
@@ -248,7 +232,7 @@ def verified_tables(verified: Verified) -> dict[str, list[dict[str, Any]]]:
     return {"varied": varied, "tables": found}
 
 
-def _in_report(verified: Verified | str | None) -> str:
+def _in_report(verified: Verified | str | None, loop: bytes) -> str:
     """Return the part of the report that a verification changes, as HTML."""
     parts: Any
     tables: Any
@@ -258,7 +242,8 @@ def _in_report(verified: Verified | str | None) -> str:
     else:
         each = (t for group in verified_tables(verified).values() for t in group)
         made = parts.answers(_verdicts(verified).items()) + Markup().join(map(tables.table, each))
-    return f"<!-- verified 0 -->{made}<!-- end -->"
+    drawn = parts.image("Open loop", data_uri(loop), _LOOP_ALT) if loop else ""
+    return f"<!-- verified 0 -->{made}{drawn}<!-- end -->"
 
 
 def _sentences(texts: Sequence[str]) -> str:
@@ -273,22 +258,40 @@ def _margins(rows: Sequence[Sequence[str]], basis: str) -> str:
     return _sentences([f"{', '.join(words)}: {basis}"])
 
 
-def _short(text: str, rest: str) -> str:
-    """Return a text that fits on the page, and where all of it is."""
-    return text if len(text) <= _MOST else f"{text[: _MOST - 30].rsplit(' ', 1)[0]} … ({rest} has all)"
+def fitted(found: Answers, room: float, rest: str, lines: int = 2) -> Answers:
+    """Return answers in `room` mm: the longest are cut, to `lines` at least, and the file `rest` has all."""
+    most = max((len(answer) for _, answer in found), default=0)
+    cut = found
+    while _height_of(cut) > room and most > lines * _WIDE:
+        most -= _WIDE
+        cut = [(question, _short(answer, most, rest)) for question, answer in found]
+    return cut
+
+
+def _short(text: str, most: int, rest: str) -> str:
+    return text if len(text) <= most else f"{text[: most - 30].rsplit(' ', 1)[0]} … ({rest} has all)"
+
+
+def _height_of(found: Answers) -> float:
+    """Return the height of answers in mm."""
+    return LINE * sum(1 + len(answer) // _WIDE for _, answer in found)
 
 
 def left(room: float, holds: Answers) -> float:
     """Return the height that curves may have beside these answers, in mm; 0 if that is too little."""
-    height = room - LINE * sum(1 + len(answer) // _WIDE for _, answer in holds)
+    height = room - _height_of(holds)
     return height if height >= _LOW else 0.0
 
 
-def section(holds: Answers, room: float) -> str:
+def section(holds: Answers, room: float, loop: bytes = b"") -> str:
     """Return the part of the sheet that a verification changes, as HTML; it and curves have `room` mm."""
     template: Any = environment().get_template("report/parts.html.j2").module
-    style = f"<style>figure img {{ max-height: {left(room, holds):.0f}mm; }}</style>"
-    return f"<!-- verified {room:.0f} -->{style}{template.answers(holds)}<!-- end -->"
+    height = left(room, holds)
+    style = f"<style>figure img {{ max-height: {height:.0f}mm; }}</style>"
+    drawn = f'<figure class="loop"><img src="{data_uri(loop)}" alt="{_LOOP_ALT}"></figure>' if loop else ""
+    if loop and not height:
+        holds, drawn = [*holds, ("Open loop", f"No room is left here: see {REPORT}.")], ""
+    return f"<!-- verified {room:.0f} -->{style}{template.answers(holds)}{drawn}<!-- end -->"
 
 
 def refresh(folder: Path) -> None:
@@ -301,8 +304,23 @@ def refresh(folder: Path) -> None:
     verified = Verified.read(folder)
     if verified is None:
         return
-    _renew(folder / FILE, lambda room: section(verified_answers(verified), room))
-    _renew(folder / REPORT, lambda _: _in_report(verified))
+    loop = _drawn_in(folder)
+    _renew(folder / FILE, lambda room: section(_holds(verified, room), room, loop))
+    _renew(folder / REPORT, lambda _: _in_report(verified, loop))
+
+
+def _drawn_in(folder: Path) -> bytes:
+    """Return the picture of the open loop in a folder; empty if there is none."""
+    return (folder / LOOP).read_bytes() if (folder / LOOP).is_file() else b""
+
+
+def _holds(verified: Verified, room: float) -> Answers:
+    """Return what was verified, in `room` mm: what varied gives way to curves, and curves to verdicts."""
+    *verdicts, varied, others = verified_answers(verified)
+    rest = room - _LOW
+    found = [*verdicts, *fitted([varied, others], rest - _height_of(verdicts), VERIFICATION)]
+    beside = fitted(found, rest, VERIFICATION, lines=4)
+    return beside if left(room, beside) else fitted(found, room, VERIFICATION)
 
 
 def _renew(path: Path, made: Callable[[float], str]) -> None:
@@ -373,6 +391,7 @@ def _kept(found: Verification, tuning: BestTuning, best: Path, timeout: float | 
     said = Verified.of(found, tuning.scenario, tuning.baseline, versions()["prefcal"], tuning.digest)
     said = replace(said, worst=_judged(said.worst, best.parent))
     said.write(best.parent)
+    _keep_loop(best.parent, tuning.scenario, [each.margins for each in (found.tuning, found.before) if each])
     for stale in best.parent.glob("worst_run_*.png"):
         stale.unlink(missing_ok=True)
     with suppress(Exception):  # what cannot run again has no picture
@@ -432,33 +451,36 @@ _MOST_ROWS, _LEAST, _FEW = 12, 8, 3
 """Largest number of knobs, and of KPIs with limits, for which one page has room; how much of it
 belongs to KPIs, and how many KPIs stay on a page that is too full."""
 _LINE = (46, 20, 16)  # characters of a name, limits and a value that stay on a line of a table
-_PAGE, _ROW, _MORE = 203.0, 4.1, 3.4
+_PAGE, _ROW, _MORE = 203.0, 3.8, 3.4
 """Height of a page without headings and lines to sign, of a row, and of a further line in it, in mm."""
 _TALL, _INCH = 125.0, 25.4  # largest height of curves with what follows them, and of an inch, in mm
-_PANELS = 3  # largest number of panels for which one page has room
+_BESIDE = 112.0  # width of curves beside the open loop, in mm
+_PANELS, _PANEL = 3, 18.0  # largest number of panels for which one page has room, and height of one, in mm
 _KPI = ("title", "objective", "before", "after", "unit", "met")  # what the sheet says of a KPI
 _NEAR = 1e-6  # share of its size by which a value may miss a limit and still count as being at it
 
 
-def sheet(record: StudyRecord, verified: Verified | str | None = None) -> str:
+def sheet(record: StudyRecord, verified: Verified | str | None = None, loop: bytes = b"") -> str:
     """Return the text of the sheet, a self-contained page that prints on one A4 or Letter page.
 
     Args:
         record: Record of the study.
         verified: What was verified of the result, or why that is not known; None if nothing was.
+        loop: Picture of the open loop; empty if there is none.
 
     Raises:
         ScenarioError: If a panel of the scenario does not exist in an experiment.
     """
     content = sheet_of(record)
-    room = min(content["room"], _TALL)
-    if isinstance(verified, Verified):
-        holds = verified_answers(verified)
-    else:
-        holds = unverified(record, verified or "")
+    room = min(round(content["room"]), _TALL)  # as the page keeps it
+    holds = _holds(verified, room) if isinstance(verified, Verified) else unverified(record, verified or "")
     height = left(room, holds)
-    picture = _curves(record, height=height / _INCH) if height else b""
-    curves, made = picture and data_uri(picture), Markup(section(holds, room))
+    size = height, WIDTH * _INCH
+    if loop or plant_of(record.scenario.source) is not None:
+        # What is not verified yet will take room from the curves, and add the open loop beside them.
+        size = height if isinstance(verified, Verified) else (height + _LOW) / 2, _BESIDE
+    picture = _curves(record, *size) if height else b""
+    curves, made = picture and data_uri(picture), Markup(section(holds, room, loop))
     template = environment().get_template("report/acceptance.html.j2")
     return template.render(record=record, sheet=content, holds=made, curves=curves)
 
@@ -478,11 +500,12 @@ def sheet_of(record: StudyRecord) -> dict[str, Any]:
     kept = limits_kept(before.experiment, after.experiment, resting(record.scenario))
     limits = list(kept)[: _MOST_ROWS - _LEAST]
     limits.append(_row("run ended", "", before.experiment.end.value, after.experiment.end.value))
-    asked = answers(record)
-    room = left(_PAGE, asked) - _height(knobs[:_MOST_ROWS]) - _height(limits)
+    room = _PAGE - _height(knobs[:_MOST_ROWS]) - _height(limits) - 2 * _ROW  # for what has no room
+    asked = fitted(answers(record), room - _ROW * _FEW - LINE * MOST_VERIFIED, REPORT)
+    room -= _height_of(asked)
     shown = list(kpis)
     while len(shown) > _MOST_ROWS - len(limits) or (
-        _height(shown) > room - LINE * MOST_VERIFIED and len(shown) > _FEW
+        _height(shown) > room - LINE * MOST_VERIFIED - _LOW and len(shown) > _FEW
     ):
         shown = foremost(kpis, len(shown) - 1, lambda kpi: kpi["cells"][0]["text"] != "–")
     heads = [record.baseline, f"experiment {after.number}", "unit"]
@@ -543,8 +566,7 @@ def _knobs(record: StudyRecord) -> Iterator[dict[str, Any]]:
 
 def resting(scenario: Scenario) -> U | None:
     """Return the inputs before the first move, shape (n_u,); None if a scenario does not say them."""
-    loop = owner_of(function_of(scenario.source))
-    return getattr(getattr(getattr(loop, "env", loop), "task", None), "u0", None)
+    return getattr(getattr(env_of(scenario.source), "task", None), "u0", None)
 
 
 def limits_kept(before: Experiment, after: Experiment, u0: U | None = None) -> Iterator[dict[str, Any]]:
@@ -615,14 +637,15 @@ def _is_there(values: Float[np.ndarray, " K"], channel: Channel, *, output: bool
     return outside
 
 
-def _curves(record: StudyRecord, *, height: float) -> bytes:
-    """Return a PNG of the curves, `height` inches high; empty if neither run has a record.
+def _curves(record: StudyRecord, height: float, width: float) -> bytes:
+    """Return a PNG of the curves, `height` by `width` mm; empty if neither run has a record.
 
     Raises:
         ScenarioError: If a panel of the scenario does not exist in an experiment.
     """
+    panels, high, wide = max(min(int(height / _PANEL), _PANELS), 1), height / _INCH, width / _INCH
     with style():
-        drawn = best_against(record, references=False, panels=_PANELS, most=height)
+        drawn = best_against(record, references=False, panels=panels, most=high, width=wide)
         return b"" if drawn is None else png(drawn)
 
 
@@ -642,7 +665,8 @@ def write_report(record: StudyRecord, folder: Path, extra: Sequence[Picture] = (
     if record.best is not None:
         put(folder / BEST, best_as_json(record).encode())
     else:
-        (folder / BEST).unlink(missing_ok=True)
+        for file in (BEST, FILE, LOOP):
+            (folder / file).unlink(missing_ok=True)
     put(folder / "comparisons.csv", comparisons_as_csv(record).encode())
     drawn = draw(record, extra)
     for stale in {p.file for p in (*PICTURES, *extra)} - {d.picture.file for d in drawn}:
@@ -651,11 +675,20 @@ def write_report(record: StudyRecord, folder: Path, extra: Sequence[Picture] = (
         put(folder / d.picture.file, d.content)
     verified = None if record.best is None else _verified(folder)
     if record.best is not None:
-        put(folder / FILE, sheet(record, verified).encode())
-    else:
-        (folder / FILE).unlink(missing_ok=True)
-    put(folder / REPORT, page(record, drawn, verified).encode())
+        if not (isinstance(verified, Verified) and _drawn_in(folder)):
+            _keep_loop(folder, record.scenario, record.margins)
+        put(folder / FILE, sheet(record, verified, _drawn_in(folder)).encode())
+    put(folder / REPORT, page(record, drawn, verified, _drawn_in(folder)).encode())
     return folder / REPORT
+
+
+def _keep_loop(folder: Path, scenario: Scenario, found: Sequence[Margins | str]) -> None:
+    """Write the picture of the open loop into a folder; remove an earlier one if margins are not known."""
+    plant = plant_of(scenario.source)
+    if plant is not None and (drawn := open_loop(found, scenario.kpis, plant)):
+        put(folder / LOOP, drawn)
+    else:
+        (folder / LOOP).unlink(missing_ok=True)
 
 
 def _verified(folder: Path) -> Verified | str | None:

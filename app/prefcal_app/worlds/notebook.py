@@ -16,7 +16,7 @@ from jinja2 import Environment
 from rich.console import Console
 
 from prefcal_agents.screening.agent import Certificate
-from prefcal_app.cli.calibrate import calibration
+from prefcal_app.cli.calibrate import SAID_SOON, calibration
 from prefcal_app.cli.choices import make_calibrator, open_study
 from prefcal_app.cli.options import Options
 from prefcal_app.report.export import load_controller
@@ -33,7 +33,6 @@ _OWN = ("scenario", "study", "out")  # options of `prefcal calibrate` that `ask`
 _NOT_HERE = {"terminal", "browser", "json", "host", "config", "plant", "twin", "cost", "at_once"}
 """Options of `prefcal calibrate` that mean nothing in a notebook, or are Python objects there."""
 _PATIENCE = 0.5  # longest wait for the next change, in seconds
-_KNOWN = 2.0  # longest wait for what is said of a result before a report is written, in seconds
 _LAST_RUN = 5.0  # longest wait for a run that cannot be ended, or for the report, in `close`, in seconds
 _OPEN: dict[Path, "Asking"] = {}
 """Studies that this process asks about, by file: a cell that runs again closes the earlier one."""
@@ -237,7 +236,7 @@ class Asking:
         """
         if not self._interview.file.state.history.answered:
             raise StudyError("nothing to report: no experiment was compared yet")
-        self._interview.known.wait_for_findings(_KNOWN)
+        self._interview.known.wait_for_findings(SAID_SOON)
         self._work.write()
         folder = self._work.claim.folder
         if not (folder / "report.html").is_file():

@@ -27,7 +27,7 @@ from .design import Design, Single
 # --- KPIs of loops: steps of the references, then loads on the inputs.
 
 _BAND = 0.05  # band of settling and recovery, as a share of the step
-_ROBUST = 2.0  # largest sensitivity peak that is usual: a gain margin of 2 and a phase margin of 29 degrees
+_ROBUST = 2.0  # maximum sensitivity that is usual: a gain margin of 2 and a phase margin of 29 degrees
 
 
 class Laws(Protocol):
@@ -37,7 +37,7 @@ class Laws(Protocol):
         """Return the controller of a θ."""
 
     def sensitivity(self, theta: Float[np.ndarray, " n"]) -> float:
-        """Return the sensitivity peak of the loop of a θ."""
+        """Return the maximum sensitivity of the loop of a θ."""
 
     def around(self, plant: Plant, found: Design) -> Self:
         """Return the same controllers around another plant, which is linearized in `found`."""
@@ -132,7 +132,7 @@ _ROWS = (
 def kpis_of(design: Design, outputs: tuple[Channel, ...], time: str, robust: float) -> tuple[KPI, ...]:
     """Return the KPIs, in order of importance; all are better if lower.
 
-    The sensitivity peak has an objective if `robust`, that in the middle of the ranges, meets it.
+    The maximum sensitivity has an objective if `robust`, that in the middle of the ranges, meets it.
     """
     found: list[KPI] = []
     for k, loop in enumerate(design.loops):
@@ -147,7 +147,7 @@ def kpis_of(design: Design, outputs: tuple[Channel, ...], time: str, robust: flo
         "is usual, a large one is close to instability."
     )
     limit = _ROBUST if robust <= _ROBUST else np.inf
-    peak = _lower("M_s", "sensitivity peak M_s", "", about, at_most=limit, resolution=0.01, margin=True)
+    peak = _lower("M_s", "maximum sensitivity M_s", "", about, at_most=limit, resolution=0.01, margin=True)
     return (*found, peak)
 
 

@@ -513,7 +513,7 @@ def _margin_rows(found: Sequence[Margins | str], time_unit: str) -> Iterator[tup
         ("gain margin [dB]", _gain_margin),
         ("phase margin [°]", lambda m: number(_phase(m))),
         (labeled("delay margin", time_unit), lambda m: number(m.delay)),
-        ("largest sensitivity M_s", lambda m: number(_sensitivity(m))),
+        ("maximum sensitivity M_s", lambda m: number(_sensitivity(m))),
         ("disk margin", lambda m: number(round(m.disk, 3))),
     ):
         yield name, *(read(m) if isinstance(m, Margins) else number(None) for m in found)

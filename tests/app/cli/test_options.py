@@ -89,6 +89,12 @@ def test_the_study_file_keeps_what_is_declared_so_and_nothing_else():
     assert "port" not in kept
 
 
+def test_only_a_person_who_answers_has_a_name():
+    assert Options(TOY, by="Ada").as_dict()["by"] == "Ada"
+    with pytest.raises(SettingsError, match="--by names the person who answers, here synthetic does"):
+        Options(TOY, by="Ada", calibrator="synthetic")
+
+
 def test_options_of_one_run_may_change_on_resuming():
     stored = json.loads(json.dumps(Options(TOY).as_dict()))
     assert Options.resumed(stored, {"scenario": TOY, "port": 8000}).port == 8000

@@ -74,7 +74,7 @@ def test_what_takes_longer_than_people_wait_is_added_to_the_report(prefcal, monk
     carried = findings._explain_result
     monkeypatch.setattr(Page, "first", threading.Event())
     monkeypatch.setattr(Page, "last", last)
-    monkeypatch.setattr("prefcal_app.cli.calibrate._KNOWN", 0.1)
+    monkeypatch.setattr("prefcal_app.cli.calibrate.SAID_SOON", 0.1)
 
     def slowly(agent, known):
         if known.over:

@@ -77,7 +77,7 @@ def test_the_sheet_names_study_version_values_and_dates():
 
 def test_a_kpi_with_an_objective_stays_on_a_sheet_without_room_for_all():
     kpis = tuple(KPI(f"k{i}", f"k{i}", better="lower") for i in range(20))
-    kpis += (KPI("M_s", "sensitivity peak M_s", at_most=2.0),)
+    kpis += (KPI("M_s", "maximum sensitivity M_s", at_most=2.0),)
     record = toy_record()
     record = replace(record, scenario=replace(record.scenario, kpis=kpis, cost=None), judged=False)
     changed = {f"k{i}": 1.0 for i in range(20)} | {"M_s": 2.1}
@@ -85,7 +85,7 @@ def test_a_kpi_with_an_objective_stays_on_a_sheet_without_room_for_all():
         object.__setattr__(trial, "experiment", replace(trial.experiment, kpis=changed))
     content = sheet_of(record)
     met = {row["name"]: row["cells"][-1]["text"] for row in content["kpis"]["rows"]}
-    assert met["sensitivity peak M_s"] == "NO"
+    assert met["maximum sensitivity M_s"] == "NO"
     assert content["more_kpis"] > 0
 
 

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from prefcal_app.report.export import best_as_json
+from prefcal_app.report.record import StudyRecord
 from prefcal_app.report.write import (
     FILE,
     answers,
+    fitted,
     page,
     refresh,
     sheet,
@@ -29,6 +31,10 @@ from toy_study import toy_record
 def test_who_answered_what_and_why_the_result_is_the_result():
     record = replace(toy_record(), settings={"calibrator": "human"}, digest="ab12")
     found = dict(answers(record))
+    named = dict(answers(replace(record, by="Ada")))["Who answered"]
+    assert named == found["Who answered"].replace("by a person", "by Ada")
+    program = dict(answers(toy_record()))["Who answered"]
+    assert "comparisons by a simulated person (" in program
     who = found["Who answered"]
     assert who.startswith(f"{len(record.trials)} experiments, {record.questions} comparisons by a person (")
     for words, count in record.verdict_counts().items():
@@ -73,12 +79,18 @@ def test_what_nobody_looked_at_is_not_verified():
     assert "Run prefcal verify best.json" in found["Other plants"]
 
 
+class Study(SimpleNamespace):
+    """A study without comparisons, of which only margins are asked."""
+
+    margins = StudyRecord.margins
+
+
 def test_margins_stand_beside_those_before_and_an_error_of_own_code_is_said(monkeypatch):
     loop = load("lag")
     theta = loop.space.decode(np.full(len(loop.space), 0.5))
     trial = SimpleNamespace(experiment=loop.run(theta))
-    record = SimpleNamespace(scenario=loop, best=trial, before=trial)
-    said = dict(unverified(record))["Margins"]
+    known = {"scenario": loop, "best": trial, "before": trial}
+    said = dict(unverified(Study(**known)))["Margins"]
     assert re.match(r"Gain margin \[dB\] [\d.]+ \(before [\d.]+\), phase margin", said)
     assert "linearized at the operating point" in said
 
@@ -86,7 +98,7 @@ def test_margins_stand_beside_those_before_and_an_error_of_own_code_is_said(monk
         raise RuntimeError("no plant")
 
     monkeypatch.setattr("prefcal_scenarios.verification.result.margins", fails)
-    assert dict(unverified(record))["Margins"] == "not verified: no margins: no plant"
+    assert dict(unverified(Study(**known)))["Margins"] == "not verified: no margins: no plant"
 
 
 @pytest.mark.parametrize("content", ["{", '{"x": 1}'])
@@ -99,7 +111,7 @@ def test_a_damaged_verification_is_none_and_the_sheet_says_so(tmp_path, content)
 def test_what_was_verified_is_said_with_what_was_not():
     found = dict(verified_answers(FOUND))
     assert found["Margins"] == (
-        "Margins of the nominal loop: sensitivity peak M_s 1.7, required ≤ 2: kept. Gain margin [dB] 12 "
+        "Margins of the nominal loop: maximum sensitivity M_s 1.7, required ≤ 2: kept. Gain margin [dB] 12 "
         "(before 8), phase margin [°] 60 (before 44): the unconstrained law."
     )
     assert found["Other plants"] == "298 of 299 runs keep the stated limits. Stated limits: a safe end."
@@ -141,6 +153,17 @@ def test_a_folder_without_a_sheet_gets_none(tmp_path):
     assert not (tmp_path / FILE).exists()
 
 
+def test_what_has_no_room_is_cut_the_longest_first_and_never_where_all_fits():
+    found = [("Who", "a " * 50), ("Why", "words " * 200)]
+    assert fitted(found, 100.0, "report.html") == found
+    (_, who), (_, why) = fitted(found, 20.0, "report.html")
+    assert who == found[0][1]
+    assert why.endswith(" … (report.html has all)")
+    assert found[1][1].startswith(why.partition(" …")[0])
+    (_, shorter) = fitted(found, 10.0, "report.html")[1]
+    assert len(shorter) < len(why)
+
+
 def test_a_pid_is_given_as_control_systems_ask_for_it():
     pid = {
         "controller": "PID",
@@ -156,6 +179,7 @@ def test_a_pid_is_given_as_control_systems_ask_for_it():
     scenario = replace(record.scenario, settings=lambda theta: pid)
     said = dict(answers(replace(record, scenario=scenario)))["The PID"]
     assert said.startswith("ISA form: K_p (b r − y + 1/T_i ∫(r − y) dt")
+    assert "Against windup the integral also gets ∫(u − v)/T_t dt" in said
     assert "Not tuned: K_p 2, T_i 10 h, T_d 3 h, b (set-point weight of K_p) 1" in said
     assert "T_s" not in said  # a knob of the toy
     assert "The PID" not in dict(answers(record))

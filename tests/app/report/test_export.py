@@ -2,12 +2,25 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from prefcal_app.report.export import REBUILD, best_as_json, jsonable, load_controller, tuning_of
+from prefcal_app.report.export import (
+    REBUILD,
+    best_as_json,
+    equations,
+    jsonable,
+    load_controller,
+    model,
+    tuning_of,
+)
+from prefcal_env import Plant
+from prefcal_env.disk import digest_of
 from prefcal_env.errors import ScenarioError
+from prefcal_scenarios.catalog import load
+from prefcal_scenarios.names import CLOSED_LOOPS
 from toy_study import TOY_FILE, toy_record
 
 
@@ -35,6 +48,53 @@ def test_best_json_says_all_about_the_tuned_controller(best):
     assert content["cost"] == record.best.cost
     assert content["complete"]
     assert set(content["versions"]) >= {"prefcal", "python", "numpy"}
+
+
+@pytest.mark.parametrize(
+    ("system", "given", "text"),
+    [
+        (([0.8], [20, 1]), {"delay": 6.0}, "y = 0.8 e^(−6 s)/(20 s + 1) u (time in s)"),
+        (([-2.0, 1], [1, 0.4, 0]), {}, "y = (−5 s + 2.5)/(2.5 s² + s) u (time in s)"),
+        (([1.0], [1, -1]), {"output_delay": 2.0}, "y = 1 e^(−2 s)/(s − 1) u (time in s)"),
+        (([1.0], [1, 0, 0]), {"time_unit": "min"}, "y = 1/s² u (time in min)"),
+        (3.0, {}, "y = 3 u (time in s)"),
+        (
+            [[([12.8], [16.7, 1]), ([-18.9], [21.0, 1])], [([6.6], [10.9, 1]), ([0], [1])]],
+            {"delay": [[1.0, 3.0], [7.0, 3.0]]},
+            "y1 = 12.8 e^(−1 s)/(16.7 s + 1) u1 − 18.9 e^(−3 s)/(21 s + 1) u2; "
+            "y2 = 6.6 e^(−7 s)/(10.9 s + 1) u1 (time in s)",
+        ),
+        (
+            ([[0.5]], [[1.0]], [[2.0]], [[0.0]], 0.1),
+            {"delay": 0.3},
+            "y = 2 z^−3/(z − 0.5) u (z of a sample of 0.1 s)",
+        ),
+    ],
+)
+def test_a_linear_plant_is_written_as_transfer_functions(system, given, text):
+    assert equations(Plant.of(system, **given)) == text
+
+
+def test_a_plant_too_large_to_read_has_a_digest_that_tells_it_from_others():
+    one, same, other = (equations(Plant.of(([k], [1, 5, 10, 10, 5, 1]))) for k in (1.0, 1.0, 1.1))
+    assert one.startswith("plant: linear, 5 states, SHA-256 of its matrices ")
+    assert one == same != other
+
+
+def test_the_model_of_a_study_is_named_by_its_file_and_its_digest_or_by_its_page(tmp_path):
+    record = toy_record()
+    code = tmp_path / "own.py"
+    code.write_text("import numpy")
+    said = model(replace(record, source=f"{code}:tank", fingerprint="ab12"))
+    assert f"own.py (SHA-256 {digest_of(code)[:16]}…)" in said
+    assert "fingerprint of the scenario ab12, prefcal " in said
+    lag = load("lag")
+    said = model(replace(record, scenario=lag, source="lag"))
+    assert "Equations in code, states: " in said
+    assert said.endswith("Built in, documented in docs/loops.md.")
+    for name in ("cstr", "overtake", *CLOSED_LOOPS):
+        page = model(replace(record, source=name)).rpartition("documented in ")[2].rstrip(".")
+        assert name in (Path(__file__).parents[3] / page).read_text(encoding="utf-8").lower()
 
 
 def test_a_study_is_complete_where_little_is_left_to_gain():

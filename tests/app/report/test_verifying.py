@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from prefcal_app.report.write import judge, picture, refresh, verify_best, write_report
+from prefcal_app.report.write import FILE, LOOP, data_uri, judge, picture, refresh, verify_best, write_report
 from prefcal_env.disk import digest_of
 from prefcal_env.errors import ScenarioError, SettingsError, StaleError
 from prefcal_scenarios.verification.result import BEST, Verified
@@ -30,11 +30,24 @@ def test_a_verification_stays_beside_its_tuning_and_takes_verdicts(best):
     assert said.runs == 4
     assert seen[-1][0] == seen[-1][1] > 4
     assert all((best.parent / picture(k)).read_bytes().startswith(b"\x89PNG") for k in range(3))
+    (best.parent / FILE).write_text(SHEET)
     judge(best.parent, 1, acceptable=False)
+    assert data_uri((best.parent / LOOP).read_bytes()) in (best.parent / FILE).read_text()
     told = judge(best.parent, 2, acceptable=True)
     assert [each.verdict for each in told.worst] == ["", "not acceptable", "acceptable"]
     assert Verified.read(best.parent) == told
     assert replace(told, worst=said.worst) == said
+
+
+def test_an_open_loop_of_another_tuning_is_removed_and_one_without_room_is_named(best):
+    verify_best(best, 2, jobs=1)
+    (best.parent / FILE).write_text(SHEET.replace("120", "50"))
+    judge(best.parent, 0, acceptable=True)
+    said = (best.parent / FILE).read_text()
+    assert "No room is left here: see report.html" in said
+    assert "<img" not in said
+    write_report(toy_record(), best.parent)
+    assert not (best.parent / LOOP).exists()
 
 
 def test_a_verdict_on_a_run_of_another_tuning_is_stale(best):
@@ -117,6 +130,8 @@ def test_what_cannot_be_varied_is_refused_and_leaves_nothing(tmp_path):
         verify_best(tmp_path / BEST, 3)
     assert Verified.read(tmp_path) is None
 
+
+SHEET = "<!-- verified 120 -->not verified<!-- end -->"
 
 OWN = """
 import numpy as np

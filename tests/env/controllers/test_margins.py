@@ -249,6 +249,21 @@ def test_the_disk_margin_of_the_article_by_seiler_and_others():
     assert found.gain == pytest.approx(control.margin(L)[0], rel=1e-6)
 
 
+def test_the_open_loop_has_the_points_where_margins_are_read():
+    control = pytest.importorskip("control")
+    L = control.tf([25], [1, 10, 10, 10])
+    found = margins_of(sensitivity(L), GRID)
+    assert found.loop.L[:, 0] == pytest.approx(L(1j * found.loop.omega), rel=1e-6)
+    gain, phase, at_gain, at_phase = control.margin(L)
+    assert set(found.loop.points) == {"gain", "phase"}, "no smaller gain makes it unstable"
+    for name, omega, value in (
+        ("gain", at_gain, -1 / gain),
+        ("phase", at_phase, -np.exp(1j * np.deg2rad(phase))),
+    ):
+        assert found.loop.points[name] == (pytest.approx(omega), pytest.approx(value))
+    assert UNSTABLE.loop is None
+
+
 @pytest.mark.parametrize("a", [0.5, 2.0, 10.0])
 def test_a_spinning_body_has_perfect_loops_one_at_a_time_and_a_small_disk_margin(a):
     def spinning(omega):  # S = [[s, -a], [a, s]] / (s + 1)

@@ -1,8 +1,10 @@
 """Values of knobs as people read them; a PID in ISA and in parallel form."""
 
+import numpy as np
 import pytest
 
-from prefcal_env import Knob, KnobSpace
+from prefcal_env import PID as Controller
+from prefcal_env import Knob, KnobSpace, Measurement
 from prefcal_scenarios.wording import BOTH, ISA, PARALLEL, knob_number, pid_forms
 
 
@@ -34,10 +36,29 @@ def test_the_parallel_form_follows_from_the_isa_form():
     assert forms["T_f (filter of the derivative)"].value == pytest.approx(0.3)  # 3/10
 
 
+@pytest.mark.parametrize(
+    ("T_d", "stated", "value", "rule"),
+    [(3.0, None, 24**0.5, "√(T_i T_d)"), (0.1, None, 8.0, "T_i"), (3.0, 5.0, 5.0, "")],
+)
+def test_the_anti_windup_has_the_tracking_time_of_the_pid_that_runs(T_d, stated, value, rule):
+    told = found(PID | {"T_d": T_d, "T_t": stated})["T_t (tracking time of the anti-windup)"]
+    assert (told.value, told.unit, told.derived) == (pytest.approx(value), "s", rule)
+
+    def second(applied):  # the move after one of which this was applied
+        runs = Controller(2.0, 8.0, T_d, T_s=0.1, b=0.5, T_t=stated)
+        for u in (0.0, applied):
+            seen = Measurement(0.0, np.zeros(1), np.array([u]), np.zeros(0), np.ones(1), np.zeros(1))
+            made = runs.move(seen).u[0]
+        return made
+
+    assert second(1.0) - second(0.0) == pytest.approx(0.1 / value)
+
+
 def test_no_integral_action_is_an_infinite_time_and_a_gain_of_0():
     forms = found(PID | {"T_i": None})
     assert forms["T_i"].value == float("inf")
     assert forms["K_i"].value == 0.0
+    assert not any(name.startswith("T_t") for name in forms), "there is nothing to wind up"
 
 
 def test_a_gain_without_a_unit_has_parameters_per_time():
