@@ -20,8 +20,9 @@ from jaxtyping import Float
 from prefcal_app.session.study import ENOUGH, GOOD_ENOUGH
 from prefcal_app.summary import VERDICTS as VERDICTS
 from prefcal_app.summary import Outlook, Spread
-from prefcal_app.view.end import FIRST, gain_view, gained
+from prefcal_app.view.end import FIRST, gain_view, gained, pid_rows
 from prefcal_app.view.question import cell, column, judged, row, table, theta_texts, theta_view
+from prefcal_env.controllers.written import Parameter
 from prefcal_env.errors import SettingsError, StaleError, StudyError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.panels import named
@@ -32,7 +33,6 @@ from prefcal_env.wording import in_words, located
 from prefcal_scenarios.runs import WORST, grouped
 from prefcal_scenarios.scenario import KPI, Scenario
 from prefcal_scenarios.wording import (
-    Parameter,
     ended_text,
     folder_for,
     knob_number,
@@ -40,7 +40,6 @@ from prefcal_scenarios.wording import (
     marks_text,
     number,
     objective,
-    pid_forms,
 )
 
 # --- Reserve a folder for each study, so that a report never replaces another study's.
@@ -484,38 +483,16 @@ def foremost_kpis(record: StudyRecord, room: int) -> list[KPI]:
 
 
 def pid_forms_of(record: StudyRecord) -> list[tuple[Parameter, str, str]]:
-    """Return each parameter of a tuned PID in both forms, with its best value and that before.
+    """Return each parameter of a tuned PID in each form, with its best value and that before.
 
     Empty for other controllers.
     """
     scenario = record.scenario
     if scenario.settings is None or record.best is None:
         return []
-    best, before = (
-        pid_forms(scenario.settings(e.theta), scenario.space, e.channels.time_unit)
-        for e in (record.best.experiment, record.before.experiment)
-    )
-    knobs = {knob.name: knob for knob in scenario.space}
-
-    def text(p: Parameter) -> str:
-        knob = knobs.get(p.name.partition(" ")[0])  # "b (set-point weight of K_p)"
-        return number(p.value) if knob is None else knob_number(knob, p.value)
-
-    return [(new, text(new), text(old)) for new, old in zip(best, before, strict=True)]
-
-
-def pid_table(record: StudyRecord) -> dict[str, Any] | None:
-    """Return the tuned PID in the ISA and the parallel form; None for other controllers."""
-    before = record.baseline
-    rows = [
-        row(p.name, (cell(p.form, kind="words"), cell(new, kind="best"), cell(old)), unit=p.unit)
-        for p, new, old in pid_forms_of(record)
-    ]
-    caption = (
-        "ISA form: K_p (b r − y + 1/T_i ∫(r − y) dt + T_d d(c r − y)/dt). Parallel form: K_i and "
-        f"K_d in place of K_p/T_i and K_p T_d. To go back, set the values of the {before}."
-    )
-    return table("The PID in both forms", ("", "form", "best", before), rows, caption) if rows else None
+    best, before = record.best.experiment, record.before.experiment
+    new, old = (scenario.settings(each.theta) for each in (best, before))
+    return pid_rows(scenario.space, new, old, best.channels.time_unit)
 
 
 def result_columns(record: StudyRecord) -> dict[str, Experiment]:

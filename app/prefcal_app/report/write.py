@@ -15,8 +15,9 @@ from jaxtyping import Bool, Float
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from prefcal_app.view.end import FIRST
+from prefcal_app.view.end import FIRST, pid_table
 from prefcal_app.view.question import cell, row, table, theta_view
+from prefcal_env.controllers.written import ALL, PARALLEL, SERIES
 from prefcal_env.disk import digest_of
 from prefcal_env.errors import PrefcalError, ScenarioError, StaleError
 from prefcal_env.experiments.experiment import Channel, End, Experiment
@@ -62,7 +63,6 @@ from .record import (
     gain_of,
     gain_rows,
     pid_forms_of,
-    pid_table,
     result_table,
 )
 
@@ -101,7 +101,11 @@ def page(record: StudyRecord, drawn: Sequence[Drawn], verified: Verified | str |
     view: dict[str, Any] = {"lead": lead(record), "rebuild": REBUILD}
     if record.best is not None:
         theta = theta_view(record.scenario.space, record.best.experiment)
-        view |= {"theta": theta, "pid": pid_table(record), "experiments": experiment_table(record)}
+        view |= {
+            "theta": theta,
+            "pid": pid_table(pid_forms_of(record), record.baseline),
+            "experiments": experiment_table(record),
+        }
         view |= {"gain": gain_of(record), "result": result_table(record)}
         view |= {"verified": Markup(_in_report(verified))}
     if record.asked and not record.scored:
@@ -181,10 +185,14 @@ def _pid(record: StudyRecord) -> str:
     fixed = [
         p for p in parts if not p.derived and p.name.partition(" ")[0] not in record.scenario.space.names
     ]
-    rest = ", ".join(f"{p.name} {with_unit(number(p.value), p.unit)}" for p in fixed)
+    rest, series = (
+        ", ".join(f"{p.name} {with_unit(number(p.value), p.unit)}" for p in some)
+        for some in (fixed, [p for p in parts if p.form == SERIES and p.value == p.value])
+    )
     return (
         "ISA form: K_p (b r − y + 1/T_i ∫(r − y) dt + T_d d(c r − y)/dt), derivative filtered with T_f. "
-        f"Parallel form: K_i and K_d in place of K_p/T_i and K_p T_d.{f' Not tuned: {rest}.' if rest else ''}"
+        f"Parallel form: K_i and K_d in place of K_p/T_i and K_p T_d. Series form: {series or 'none'}."
+        f"{f' Not tuned: {rest}.' if rest else ''}"
     )
 
 
@@ -536,7 +544,11 @@ def _knobs(record: StudyRecord) -> Iterator[dict[str, Any]]:
         )
         for i, knob in enumerate(record.scenario.space)
     ]
-    lines += [(p.name, p.derived, old, new, p.unit) for p, new, old in pid_forms_of(record) if p.derived]
+    lines += [
+        (p.name, p.derived, old, new, p.unit)
+        for p, new, old in pid_forms_of(record)
+        if p.derived and p.form in (PARALLEL, ALL)
+    ]
     for name, limits, old, new, unit in lines:
         yield row(name, [cell(old), cell(new, kind="best"), cell(unit), cell(limits)])
 
