@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.controllers import as_data
 from prefcal_env.controllers.written import EQUATIONS, FILTERED, Parameter, as_code, pid_forms
 from prefcal_env.errors import ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import Channel, Channels, Controller, End
@@ -129,12 +130,7 @@ def load_controller(path: str | Path, *, check: bool = True) -> Controller:
             or has no controller, θ does not fit it, or the settings differ from the file's.
     """
     content, _ = _read(Path(path))
-    settings = content["settings"]
-    try:
-        described = controller_of(settings) if isinstance(settings, Mapping) else None
-    except SettingsError as error:
-        raise ScenarioError(f"the controller in {str(path)!r} does not fit: {error}") from error
-    if described is not None:
+    if (described := _described(content, path)) is not None:
         return described
     scenario = _loaded(content, path)
     if scenario.controller is None:  # the run of an own scenario knows how
@@ -175,8 +171,9 @@ def export_controller(
     refuse_outdated(Path(path), content)
     channels = _channels_of(content)
     if to == FORMS:
-        units = content.get("units", {})
-        found = pid_forms(content["settings"], units, channels.time_unit, shown=time, spans=spans)
+        described, units = _described(content, path), content.get("units", {})
+        settings = {} if described is None else as_data(described)
+        found = pid_forms(settings, units, channels.time_unit, shown=time, spans=spans)
         if not found:
             raise SettingsError(f"only a PID has forms; {str(path)!r} holds another controller")
         return _as_text(found)
@@ -213,6 +210,15 @@ def _as_text(parameters: Sequence[Parameter]) -> str:
             value = with_unit(number(p.value), p.unit) if p.value == p.value else f"{MISSING} ({p.derived})"
             lines.append(f"  {p.name:<34} {value}")
     return "\n".join([*lines, ""])
+
+
+def _described(content: Mapping[str, Any], path: str | Path) -> Controller | None:
+    """Return the controller that the settings of a best.json describe; None if they need the scenario."""
+    settings = content["settings"]
+    try:
+        return controller_of(settings) if isinstance(settings, Mapping) else None
+    except SettingsError as error:
+        raise ScenarioError(f"the controller in {str(path)!r} does not fit: {error}") from error
 
 
 def tuning_of(path: str | Path) -> BestTuning:

@@ -200,6 +200,14 @@ def test_what_cannot_be_exported_says_why(heater):
         export_controller(heater, "st")
 
 
+@pytest.mark.parametrize("to", ["st", "forms"])
+def test_what_settings_leave_out_is_as_in_a_new_pid(heater, to):
+    whole = export_controller(heater, to).split("\n", 1)[1]
+    settings = as_data(HEATER)
+    del settings["N"], settings["c"]  # 10 and 0
+    assert export_controller(changed(heater, settings=settings), to).split("\n", 1)[1] == whole
+
+
 def test_channels_that_are_none_are_refused(heater):
     with pytest.raises(ScenarioError, match="must name channels"):
         export_controller(changed(heater, channels={"y": [3]}), "st")
