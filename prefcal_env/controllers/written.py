@@ -72,8 +72,8 @@ def pid_forms(
     """
     kind = settings.get("controller")
     pids = [settings] if kind == "PID" else settings.get("pids", []) if kind == "Decentralized" else []
-    if not all(pid.keys() >= _NEEDED for pid in pids):  # somebody's own controller of this name
-        return ()
+    if not all(pid.keys() >= _NEEDED for pid in pids):
+        return ()  # of somebody's own controller of this name
     scale = conversion(time, shown or time)
     if scale is None:
         raise SettingsError(f"times in {time or 'no unit'} cannot be shown in {shown!r}: give s, min or h")
@@ -218,7 +218,9 @@ def _comment(*lines: str) -> str:
     text = "\n   ".join(" ".join(line.split()) for line in lines if line)
     for sign, ascii_ in {"°": "deg", "·": ".", "*": ".", "µ": "u", "Ω": "Ohm", "′": "'", "−": "-"}.items():
         text = text.replace(sign, ascii_)
-    return unicodedata.normalize("NFKD", text).encode("ascii", "replace").decode()
+    parts = [c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c)]
+    # No "?" for the others: in C, two of them and a slash may be a trigraph.
+    return "".join(c if c.isascii() else "_" for c in parts)
 
 
 def _time_of(channels: Channels) -> str:

@@ -424,10 +424,14 @@ def next_view(interview: Interview, report: Path | None) -> dict[str, Any]:
 
 def _written(interview: Interview, best: Path | None) -> dict[str, Any]:
     """Return the PID of a best.json in each form, and the commands that write its controller as code."""
+    nothing: dict[str, Any] = {"forms": None, "export": []}
     if best is None:
-        return {"forms": None, "export": []}
+        return nothing
     # The file has what the scenario says of its controller: a page never waits for somebody's function.
-    content = json.loads(best.read_text("utf-8"))
+    try:
+        content = json.loads(best.read_text("utf-8"))
+    except (OSError, ValueError):  # somebody edits it, or has moved it
+        return nothing
     settings, before = content.get("settings", {}), content.get("before", {})
     time = content.get("channels", {}).get("time_unit", "")
     rows = pid_rows(interview.scenario.space, settings, before.get("settings", {}), time)

@@ -133,5 +133,6 @@ def test_other_controllers_have_no_forms_at_the_end(tmp_path):
     found = over(tmp_path)[2]["next"]
     assert found["forms"] is None
     assert [each["what"] for each in found["export"]] == ["C (C99)"]
-    (tmp_path / "best.json").write_text(json.dumps({"settings": {"gain": 1.0}}))
-    assert over(tmp_path)[2]["next"]["export"] == over()[2]["next"]["export"] == []
+    for text in ('{"settings": {"gain": 1.0}}', "not JSON"):
+        (tmp_path / "best.json").write_text(text)
+        assert over(tmp_path)[2]["next"]["export"] == over()[2]["next"]["export"] == []

@@ -209,14 +209,14 @@ def test_comments_say_what_to_connect_and_which_way_it_acts() -> None:
 
 @pytest.mark.parametrize("language", ["st", "c"])
 def test_no_name_ends_a_comment_early(language: str) -> None:
-    odd = replace(NAMED, y=(Channel("a*) b*/ (* /*\nc", "m·K*"),))
+    odd = replace(NAMED, y=(Channel("a*) b*/ (* /*\nc 温度/", "m·K*"),), u=(Channel("Öffnung", "°"),))
     text = as_code(PID(1.0, T_s=1.0), language, odd, about="x */ y *)\nz")
     opened, closed = ("(*", "*)") if language == "st" else ("/*", "*/")
-    assert (
-        text.count(opened)
-        == text.count(closed)
-        == as_code(PID(1.0, T_s=1.0), language, NAMED, about="x").count(opened)
-    )
+    plain = as_code(PID(1.0, T_s=1.0), language, NAMED, about="x")
+    assert text.count(opened) == text.count(closed) == plain.count(opened)
+    assert text.isascii()
+    assert "Offnung [deg]" in text
+    assert "c __/ [m.K.]" in text  # two question marks and a slash would be a trigraph of C
 
 
 def test_each_of_several_pids_has_a_block_of_its_own() -> None:
