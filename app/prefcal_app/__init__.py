@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .looking.look import look as look
+    from .report.export import export_controller as export_controller
     from .report.export import load_controller as load_controller
     from .report.pictures import figure as figure
     from .worlds.notebook import ask as ask

@@ -7,3 +7,4 @@ from .pid import PID as PID
 from .pid import Decentralized as Decentralized
 from .stored import as_data as as_data
 from .stored import from_data as from_data
+from .written import as_code as as_code

@@ -166,6 +166,15 @@ class LQR:
         """Sampling time, in the plant's unit of time."""
         return self._T_s
 
+    @property
+    def K_r(self) -> Float[np.ndarray, "n_u n_y"]:
+        """Gain of the references without integral action: u = u0 + K_r (r - y0) - K (x - x0), limited.
+
+        It holds if every output has a reference.
+        """
+        at_rest = [self._rest(self.model.y0 + unit) for unit in np.eye(len(self.model.y0))]
+        return np.column_stack([u_r + self.K @ x_r for x_r, u_r in at_rest])
+
     def as_data(self) -> dict[str, Any]:
         """Return model and weights as JSON-able data; None for infinite limits."""
         model = {f.name: getattr(self.model, f.name).tolist() for f in fields(Linearized)}
@@ -301,6 +310,12 @@ class LQG:
     def estimate(self) -> Float[np.ndarray, " n_x"] | None:
         """State as estimated at the last measurement, shape (n_x,); None before the first."""
         return None if self._estimate is None else self.lqr.model.x0 + self._estimate.mean
+
+    @property
+    def gain(self) -> Float[np.ndarray, "n_x n_y"]:
+        """Gain of the Kalman filter, from the error of the predicted outputs to the estimate."""
+        C, P = self.lqr.model.C, self._start.covariance
+        return np.asarray(np.linalg.solve(C @ P @ C.T + np.diag(self.noise**2), C @ P).T)
 
     def as_data(self) -> dict[str, Any]:
         """Return regulator and deviations as JSON-able data."""

@@ -195,8 +195,11 @@ class PID:
         p = _checked(given | {"T_t": T_t, "low": low, "high": high})
         self.parameters: dict[str, Any] = p
         """Parameters by name, as given."""
-        self._law = PIDLaw.of(p["K_p"], p["T_i"], p["T_d"], N=p["N"], T_s=p["T_s"])
-        self._tracking = float(tracking_time(p["T_i"], p["T_d"]) if p["T_t"] is None else p["T_t"])
+        self.law = PIDLaw.of(p["K_p"], p["T_i"], p["T_d"], N=p["N"], T_s=p["T_s"])
+        """Coefficients of the sampled law."""
+        T_t = tracking_time(p["T_i"], p["T_d"]) if p["T_t"] is None else p["T_t"]
+        self.tracking = min(p["T_s"] / float(T_t), 1.0)
+        """Share of what the limits cut off that leaves the integral in one sampling time."""
         self._integral: float | None = None
         self._derivative, self._v = 0.0, 0.0
         self._r, self._y = 0.0, 0.0
@@ -248,13 +251,13 @@ class PID:
             self._r, self._y, self._derivative = y, y, 0.0
             self._integral = applied - self._proportional()
         elif np.isfinite(p["T_i"]):  # to this instant, with the input that acted since the last
-            self._integral += self._law.integral * (self._r - self._y)
-            self._integral += min(p["T_s"] / self._tracking, 1.0) * (applied - self._v)
+            self._integral += self.law.integral * (self._r - self._y)
+            self._integral += self.tracking * (applied - self._v)
         # Before r and y are replaced: the derivative is of their change.
         before = p["c"] * self._r - self._y
         self._r, self._y = r, y
         change = (p["c"] * r - y) - before
-        self._derivative = float(self._law.pole * (self._derivative + self._law.rise * change))
+        self._derivative = float(self.law.pole * (self._derivative + self.law.rise * change))
         self._v = self._proportional() + self._integral + self._derivative
         u = np.array(measurement.u, dtype=float)
         u[self.input] = min(max(self._v, p["low"]), p["high"])

@@ -18,6 +18,8 @@ from prefcal_app.report.write import page as page_of
 from prefcal_app.report.write import write_report
 from prefcal_app.summary import Outlook
 from prefcal_app.view.question import theta_view
+from prefcal_env import PID
+from prefcal_env.controllers import as_data
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import End
 from prefcal_env.experiments.panels import without_record
@@ -122,6 +124,14 @@ def test_no_markup_is_trusted():
 def test_the_page_names_settings_versions_command_and_the_way_back(page):
     for text in ("prefcal calibrate toy --seed 1", "load_controller(", "numpy", "python"):
         assert text in page
+
+
+def test_a_tuned_pid_is_given_in_each_form_and_says_how_it_becomes_a_program():
+    record, pid = toy_record(), as_data(PID(2.0, 10.0, 2.0, T_s=0.5))
+    tuned = page_of(replace(record, scenario=replace(record.scenario, settings=lambda theta: pid)), [])
+    for text in ("series", "repeats per minute", "prefcal export best.json --to st"):
+        assert text in tuned
+    assert "prefcal export" not in page_of(record, [])
 
 
 def test_the_same_study_writes_the_same_bytes(folder, tmp_path):

@@ -9,7 +9,16 @@ from typing import Annotated, Any
 
 from typer import Argument, Context, Exit, Option, Typer, echo
 
-from .options import CHOOSING, CheckOptions, ChooseOptions, LookOptions, Options, ReportOptions, VerifyOptions
+from .options import (
+    CHOOSING,
+    CheckOptions,
+    ChooseOptions,
+    ExportOptions,
+    LookOptions,
+    Options,
+    ReportOptions,
+    VerifyOptions,
+)
 from .parameters import examples, examples_of_worlds, parameters_of, takes
 from .starters.new import EPILOG as NEW_EPILOG
 from .starters.new import new
@@ -239,6 +248,30 @@ def verify(typed: dict[str, Any]) -> None:
     from .look_run import verify
 
     raise Exit(verify(VerifyOptions(**typed)))
+
+
+@app.command(
+    no_args_is_help=True,
+    epilog=examples(
+        ("export prefcal-mine/best.json --to st --out pid.st", "A function block for a PLC."),
+        ("export best.json --to c --name heater --out heater.h", "A C function heater, for any processor."),
+        ("export best.json --to forms --time min", "Numbers to type in, with times in minutes."),
+        (
+            "export best.json --to forms --ranges 0:200,0:100",
+            "With proportional band: 200 °C are the transmitter's range, 100 % the valve's.",
+        ),
+    ),
+)
+@takes(ExportOptions)
+def export(typed: dict[str, Any]) -> None:
+    """Write a tuned controller in the form of your control system.
+
+    Structured text and C do sample by sample what the tuned controller does, with its limits,
+    anti-windup and filter. Their constants hold for its sampling time only.
+    """
+    from .look_run import export
+
+    export(ExportOptions(**typed))
 
 
 @app.command()

@@ -1,5 +1,6 @@
-"""Run `prefcal look` and `prefcal verify`."""
+"""Run `prefcal look`, `prefcal verify` and `prefcal export`."""
 
+import re
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -14,6 +15,7 @@ from rich.table import Table
 from prefcal_app.looking import SideBySide
 from prefcal_app.looking.look import run_from
 from prefcal_app.looking.pair import NamedRun
+from prefcal_app.report.export import export_controller
 from prefcal_app.report.write import judge, picture, verify_best
 from prefcal_app.terminal.showing import ask_line, say, show_kpis
 from prefcal_env.errors import SettingsError
@@ -22,10 +24,10 @@ from prefcal_env.tables import TableColumns
 from prefcal_scenarios.described.description import listed
 from prefcal_scenarios.scenario import KPI
 from prefcal_scenarios.verification.result import EFFECTS, FILE, NOT_VARIED, VARIED, Verified
-from prefcal_scenarios.wording import printable
+from prefcal_scenarios.wording import printable, put
 
 from .calibrate import interruption
-from .options import LookOptions, VerifyOptions
+from .options import ExportOptions, LookOptions, VerifyOptions
 from .result import plain
 from .studies.files import EXPERIMENT, as_text, existing, numbered, open_described
 
@@ -239,3 +241,32 @@ def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
     for row in rows:
         table.add_row(*map(plain, row))
     return table
+
+
+# --- Run `prefcal export`: write a tuned controller in the form of the plant's system.
+
+
+def export(options: ExportOptions) -> None:
+    """Write the controller of a best.json into a file, or print it."""
+    text = export_controller(
+        options.best, options.to, name=options.name, time=options.time, spans=_spans(options.ranges)
+    )
+    if options.out is None:
+        print(text, end="", flush=True)
+        return
+    if not options.out.parent.is_dir():
+        raise SettingsError(f"--out must be in an existing folder, got {str(options.out)!r}")
+    put(options.out, text.encode())
+    print(f"Written: {options.out}", flush=True)
+
+
+def _spans(ranges: str) -> tuple[float, float] | None:
+    """Return the widths of the ranges of output and input; None if none were given."""
+    if not ranges:
+        return None
+    number = r"\s*([-+]?\d*\.?\d+(?:e[-+]?\d+)?)\s*"
+    found = re.fullmatch(f"{number}:{number},{number}:{number}", ranges)
+    if found is None:
+        raise SettingsError(f"--ranges must look like 0:200,0:100, output then input, got {ranges!r}")
+    low, high, least, most = map(float, found.groups())
+    return high - low, most - least

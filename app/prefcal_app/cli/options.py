@@ -3,6 +3,7 @@
 import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
@@ -403,6 +404,37 @@ class VerifyOptions:
     range: Annotated[tuple[str, ...], Option(metavar="NAME=CHANGE")] = ()
     jobs: Annotated[int | None, Option(metavar="N", max=MOST_PROCESSES, show_default="all cores")] = None
     run_timeout: Annotated[float | None, Option(metavar="SECONDS", show_default="3600, an hour")] = None
+
+
+class Target(StrEnum):
+    """What `prefcal export` writes."""
+
+    ST = "st"
+    C = "c"
+    FORMS = "forms"
+
+
+@dataclass(frozen=True, slots=True)
+class ExportOptions:
+    """Options of `prefcal export`, in the order of its help.
+
+    Args:
+        best: The best.json of a report.
+        to: st: IEC 61131-3 structured text of a PID; c: C99 of a PID, LQR or LQG; forms: the numbers of a
+            PID in ISA, parallel and series form.
+        name: Name of the function block, or of the C function.
+        out: File to write.
+        time: Unit of the times in the forms: s, min or h.
+        ranges: Ranges of the measured output and of the input in your system: gain and proportional band
+            in percent are for these.
+    """
+
+    best: Annotated[str, Argument(metavar="BEST.json")]
+    to: Annotated[Target, Option("--to")]
+    name: Annotated[str, Option(metavar="NAME")] = "tuned"
+    out: Annotated[Path | None, Option(metavar="FILE", show_default="standard output")] = None
+    time: Annotated[str, Option(metavar="UNIT", show_default="that of the plant")] = ""
+    ranges: Annotated[str, Option(metavar="LOW:HIGH,LOW:HIGH", show_default="not in percent")] = ""
 
 
 @dataclass(frozen=True, slots=True)

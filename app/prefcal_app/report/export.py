@@ -14,9 +14,11 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.arrays import is_number
+from prefcal_env.controllers import as_data
+from prefcal_env.controllers.written import ANTI_WINDUP, EQUATIONS, FILTERED, PIDParameter, as_code, pid_forms
 from prefcal_env.disk import digest_of
 from prefcal_env.errors import ScenarioError, SettingsError
-from prefcal_env.experiments.experiment import Controller, End
+from prefcal_env.experiments.experiment import Channel, Channels, Controller, End
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.plants.plant import Disturbed
 from prefcal_env.plants.systems import LinearPlant, LinearSystem
@@ -27,7 +29,7 @@ from prefcal_scenarios.described.making import controller_of
 from prefcal_scenarios.names import CASES, is_built_in, is_own
 from prefcal_scenarios.own import file_in, files_of, joined_source, split_source
 from prefcal_scenarios.scenario import Scenario, with_ranges
-from prefcal_scenarios.wording import number
+from prefcal_scenarios.wording import MISSING, number, with_unit
 
 from .record import StudyRecord, refuse_outdated
 
@@ -82,6 +84,7 @@ def best_as_json(record: StudyRecord) -> str:
         "title": scenario.title,
         "theta": scenario.space.named(theta),
         "units": {k.name: k.unit for k in scenario.space},
+        "channels": _channels(best.experiment.channels),
         "ranges": {k.name: [k.low, k.high] for k in scenario.space},
         "settings": {} if scenario.settings is None else scenario.settings(theta),
         "cost": best.cost,
@@ -96,6 +99,12 @@ def best_as_json(record: StudyRecord) -> str:
         "versions": versions(),
     }
     return json.dumps(jsonable(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _channels(channels: Channels) -> dict[str, Any]:
+    """Return what the controller is connected to, and the unit of time."""
+    said = {key: [[c.name, c.unit] for c in getattr(channels, key)] for key in ("x", "u", "y")}
+    return {"time_unit": channels.time_unit, **said}
 
 
 def _before(record: StudyRecord) -> dict[str, Any]:
@@ -126,12 +135,7 @@ def load_controller(path: str | Path, *, check: bool = True) -> Controller:
             or has no controller, θ does not fit it, or the settings differ from the file's.
     """
     content, _ = _read(Path(path))
-    settings = content["settings"]
-    try:
-        described = controller_of(settings) if isinstance(settings, Mapping) else None
-    except SettingsError as error:
-        raise ScenarioError(f"the controller in {str(path)!r} does not fit: {error}") from error
-    if described is not None:
+    if (described := _described(content, path)) is not None:
         return described
     scenario = _loaded(content, path)
     if scenario.controller is None:  # the run of an own scenario knows how
@@ -143,6 +147,83 @@ def load_controller(path: str | Path, *, check: bool = True) -> Controller:
         _same_settings(content["settings"], jsonable(scenario.settings(values)), path)
     assert scenario.controller is not None
     return scenario.controller(values)
+
+
+FORMS = "forms"
+"""Word for the numbers of a PID in each form, beside those of `LANGUAGES`."""
+
+
+def export_controller(
+    path: str | Path, to: str, *, name: str = "", time: str = "", spans: tuple[float, float] | None = None
+) -> str:
+    """Return the controller of a best.json in the form of the plant's system.
+
+    Args:
+        path: Path of the file.
+        to: "st" for IEC 61131-3 structured text and "c" for C99, which do sample by sample what the
+            controller does; "forms" for the numbers of a PID in ISA, parallel and series form.
+        name: Name of the function block or C function; "tuned" if empty.
+        time: Unit of the times in the forms; that of the plant if empty.
+        spans: Ranges of the measured output and of the input, high minus low, for gain and proportional
+            band in percent in the forms.
+
+    Raises:
+        ScenarioError: If the file cannot be read or its controller cannot be built.
+        SettingsError: If this controller cannot be written so, or an argument is not valid.
+        StaleError: If it is not the best of its study any more.
+    """
+    content, digest = _read(Path(path))
+    refuse_outdated(Path(path), content)
+    channels = _channels_of(content)
+    if to == FORMS:
+        described, units = _described(content, path), content.get("units", {})
+        settings = {} if described is None else as_data(described)
+        found = pid_forms(settings, units, channels.time_unit, shown=time, spans=spans)
+        if not found:
+            raise SettingsError(f"only a PID has forms; {str(path)!r} holds another controller")
+        return _as_text(found)
+    if time or spans is not None:
+        raise SettingsError(f"units of time and ranges are for {FORMS!r} only: code has those of the plant")
+    study = (content.get("origin") or {}).get("study")
+    where = f"study {study}, " if study else ""
+    about = (
+        f"{content.get('title', '')}: tuned with prefcal {versions()['prefcal']}, {where}"
+        f"experiment {content.get('experiment', '?')}. SHA-256 of best.json: {digest[:16]}..."
+    )
+    return as_code(load_controller(path), to, channels, name=name or "tuned", about=about)
+
+
+def _channels_of(content: Mapping[str, Any]) -> Channels:
+    """Return the channels of a best.json; those of an earlier version say none."""
+    said = content.get("channels", {})
+    try:
+        x, u, y = (tuple(Channel(*each) for each in said.get(key, ())) for key in ("x", "u", "y"))
+        return Channels(x, u, y, str(said.get("time_unit", "")))
+    except (AttributeError, TypeError, ValueError) as error:
+        raise ScenarioError(
+            f'"channels" of a best.json must name channels with units, got {said!r}'
+        ) from error
+
+
+def _as_text(parameters: Sequence[PIDParameter]) -> str:
+    """Return parameters as lines of text, by form, each form with its equation."""
+    lines = [f"Of the error e = r − y. {FILTERED} {ANTI_WINDUP}", ""]
+    for form in dict.fromkeys(p.form for p in parameters):
+        equation = EQUATIONS.get(form, "")
+        lines.append(f"{form}: {equation}" if equation else form)
+        for p in (p for p in parameters if p.form == form):
+            value = with_unit(number(p.value), p.unit) if p.value == p.value else f"{MISSING} ({p.derived})"
+            lines.append(f"  {p.name:<34} {value}")
+    return "\n".join([*lines, ""])
+
+
+def _described(content: Mapping[str, Any], path: str | Path) -> Controller | None:
+    """Return the controller that the settings of a best.json describe; None if they need the scenario."""
+    settings = content["settings"]
+    try:
+        return controller_of(settings) if isinstance(settings, Mapping) else None
+    except SettingsError as error:
+        raise ScenarioError(f"the controller in {str(path)!r} does not fit: {error}") from error
 
 
 def tuning_of(path: str | Path) -> BestTuning:

@@ -20,9 +20,10 @@ from jaxtyping import Float
 from prefcal_app.session.study import ENOUGH, GOOD_ENOUGH, why_over
 from prefcal_app.summary import VERDICTS as VERDICTS
 from prefcal_app.summary import Outlook, Spread
-from prefcal_app.view.end import FIRST, gain_view, gained
+from prefcal_app.view.end import FIRST, gain_view, gained, pid_rows
 from prefcal_app.view.question import cell, column, judged, row, table, theta_texts, theta_view
 from prefcal_env.controllers.margins import Margins
+from prefcal_env.controllers.written import ANTI_WINDUP, SERIES, PIDParameter
 from prefcal_env.errors import PrefcalError, SettingsError, StaleError, StudyError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.panels import named
@@ -35,7 +36,6 @@ from prefcal_scenarios.runs import WORST, grouped
 from prefcal_scenarios.scenario import KPI, Scenario
 from prefcal_scenarios.verification.result import UNKNOWN, margins_at
 from prefcal_scenarios.wording import (
-    PIDParameter,
     ended_text,
     folder_for,
     knob_number,
@@ -43,7 +43,6 @@ from prefcal_scenarios.wording import (
     marks_text,
     number,
     objective,
-    pid_forms,
     with_unit,
 )
 
@@ -506,56 +505,36 @@ def foremost_kpis(record: StudyRecord, room: int) -> list[KPI]:
     return foremost(list(filter(tells, ranked)), room, lambda k: bool(objective(k)))
 
 
-_PID_FORMS = (
-    "ISA form: K_p (b r − y + 1/T_i ∫(r − y) dt + T_d d(c r − y)/dt), derivative filtered with T_f. "
-    "Parallel form: K_i and K_d in place of K_p/T_i and K_p T_d. Against windup the integral also gets "
-    "∫(u − v)/T_t dt, v being the output before the limits and u after them."
-)
-"""What the parameters of a PID mean."""
-
-
 def pid_forms_of(record: StudyRecord) -> list[tuple[PIDParameter, str, str]]:
-    """Return each parameter of a tuned PID in both forms, with its best value and that before.
+    """Return each parameter of a tuned PID in each form, with its best value and that before.
 
     Empty for other controllers.
     """
     scenario = record.scenario
     if scenario.settings is None or record.best is None:
         return []
-    best, before = (
-        pid_forms(scenario.settings(e.theta), scenario.space, e.channels.time_unit)
-        for e in (record.best.experiment, record.before.experiment)
-    )
-    knobs = {knob.name: knob for knob in scenario.space}
-
-    def text(p: PIDParameter) -> str:
-        knob = knobs.get(p.name.partition(" ")[0])  # "b (set-point weight of K_p)"
-        return number(p.value) if knob is None else knob_number(knob, p.value)
-
-    return [(new, text(new), text(old)) for new, old in zip(best, before, strict=True)]
+    best, before = record.best.experiment, record.before.experiment
+    new, old = (scenario.settings(each.theta) for each in (best, before))
+    return pid_rows(scenario.space, new, old, best.channels.time_unit)
 
 
 def pid_text(record: StudyRecord) -> str:
-    """Return the form of a tuned PID, and what of it was not tuned; empty for other controllers."""
+    """Return the forms of a tuned PID, and what of it was not tuned; empty for other controllers."""
     parts = [p for p, *_ in pid_forms_of(record)]
     if not parts:
         return ""
     fixed = [
         p for p in parts if not p.derived and p.name.partition(" ")[0] not in record.scenario.space.names
     ]
-    rest = ", ".join(f"{p.name} {with_unit(number(p.value), p.unit)}" for p in fixed)
-    return f"{_PID_FORMS}{f' Not tuned: {rest}.' if rest else ''}"
-
-
-def pid_table(record: StudyRecord) -> dict[str, Any] | None:
-    """Return the tuned PID in the ISA and the parallel form; None for other controllers."""
-    before = record.baseline
-    rows = [
-        row(p.name, (cell(p.form, kind="words"), cell(new, kind="best"), cell(old)), unit=p.unit)
-        for p, new, old in pid_forms_of(record)
-    ]
-    caption = f"{_PID_FORMS} To go back, set the values of the {before}."
-    return table("The PID in both forms", ("", "form", "best", before), rows, caption) if rows else None
+    rest, series = (
+        ", ".join(f"{p.name} {with_unit(number(p.value), p.unit)}" for p in some)
+        for some in (fixed, [p for p in parts if p.form == SERIES and p.value == p.value])
+    )
+    return (
+        "ISA form: K_p (b r − y + 1/T_i ∫(r − y) dt + T_d d(c r − y)/dt), derivative filtered with T_f. "
+        f"Parallel form: K_i and K_d in place of K_p/T_i and K_p T_d. Series form: {series or 'none'}. "
+        f"{ANTI_WINDUP}{f' Not tuned: {rest}.' if rest else ''}"
+    )
 
 
 def result_columns(record: StudyRecord) -> dict[str, Experiment]:

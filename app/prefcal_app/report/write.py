@@ -15,9 +15,10 @@ from jaxtyping import Bool, Float
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from prefcal_app.view.end import FIRST
+from prefcal_app.view.end import FIRST, pid_table
 from prefcal_app.view.question import cell, row, table, theta_view
 from prefcal_env.controllers.margins import Margins
+from prefcal_env.controllers.written import ALL, PARALLEL
 from prefcal_env.disk import digest_of
 from prefcal_env.errors import ScenarioError, StaleError
 from prefcal_env.experiments.experiment import Channel, End, Experiment
@@ -62,7 +63,6 @@ from .record import (
     gain_of,
     gain_rows,
     pid_forms_of,
-    pid_table,
     pid_text,
     result_table,
 )
@@ -104,7 +104,11 @@ def page(
     view: dict[str, Any] = {"lead": lead(record), "rebuild": REBUILD, "origin": record.origin}
     if record.best is not None:
         theta = theta_view(record.scenario.space, record.best.experiment)
-        view |= {"theta": theta, "pid": pid_table(record), "experiments": experiment_table(record)}
+        view |= {
+            "theta": theta,
+            "pid": pid_table(pid_forms_of(record), record.baseline),
+            "experiments": experiment_table(record),
+        }
         view |= {"gain": gain_of(record), "result": result_table(record)}
         view["origin"] |= {"model": model(record)}
         view |= {"verified": Markup(_in_report(verified, loop))}
@@ -559,7 +563,11 @@ def _knobs(record: StudyRecord) -> Iterator[dict[str, Any]]:
         )
         for i, knob in enumerate(record.scenario.space)
     ]
-    lines += [(p.name, p.derived, old, new, p.unit) for p, new, old in pid_forms_of(record) if p.derived]
+    lines += [
+        (p.name, p.derived, old, new, p.unit)
+        for p, new, old in pid_forms_of(record)
+        if p.derived and p.form in (PARALLEL, ALL)
+    ]
     for name, limits, old, new, unit in lines:
         yield row(name, [cell(old), cell(new, kind="best"), cell(unit), cell(limits)])
 

@@ -1,5 +1,7 @@
 """The end of a study as plain data, and what was simulated."""
 
+import json
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,12 +17,24 @@ from prefcal_app.session import Interview, Now, Outlook, Question, Side
 from prefcal_app.session.study import is_robust, why_over
 from prefcal_app.simulating import Screened, as_shown, at_stake, menu_names, offer, why
 from prefcal_app.summary import Spread, after_a_slip, compare, unmeasured
+from prefcal_env.controllers.written import (
+    ANTI_WINDUP,
+    EQUATIONS,
+    FILTERED,
+    LANGUAGES,
+    NO_SERIES,
+    PARALLEL,
+    SERIES,
+    PIDParameter,
+    languages_of,
+    pid_forms,
+)
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.knobs import Knob
+from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.study import State
 from prefcal_scenarios.runs import WORST
 from prefcal_scenarios.scenario import KPI, Scenario
-from prefcal_scenarios.wording import MISSING
+from prefcal_scenarios.wording import MISSING, knob_number, number
 
 from . import question
 from .question import Seen, question_view, theta_texts, theta_view
@@ -368,16 +382,80 @@ def _row(row: dict[str, Any]) -> dict[str, Any]:
     }
 
 
+def pid_rows(
+    space: KnobSpace, best: Mapping[str, Any], before: Mapping[str, Any], time_unit: str
+) -> list[tuple[PIDParameter, str, str]]:
+    """Return each parameter of a tuned PID in each form, with its best value and that before.
+
+    Args:
+        space: Knobs of the study.
+        best: Settings of the best controller; for other controllers than PIDs there are no rows.
+        before: Settings of the one before.
+        time_unit: Unit of time.
+    """
+    knobs = {knob.name: knob for knob in space}
+    units = {name: knob.unit for name, knob in knobs.items()}
+
+    def text(p: PIDParameter) -> str:
+        knob = knobs.get(p.name.partition(" ")[0])  # "b (set-point weight of K_p)"
+        return number(p.value) if knob is None else knob_number(knob, p.value)
+
+    both = (pid_forms(settings, units, time_unit) for settings in (best, before))
+    return [(new, text(new), text(old)) for new, old in zip(*both, strict=True)]
+
+
+def pid_table(rows: Sequence[tuple[PIDParameter, str, str]], baseline: str) -> dict[str, Any] | None:
+    """Return what `pid_rows` returns as a table; None for other controllers than PIDs."""
+    if not rows:
+        return None
+    lines = [
+        question.row(
+            p.name,
+            (question.cell(p.form, kind="words"), question.cell(new, kind="best"), question.cell(old)),
+            unit=p.unit,
+        )
+        for p, new, old in rows
+    ]
+    none = f" {MISSING}: {NO_SERIES}." if any(MISSING in texts for _, *texts in rows) else ""
+    caption = (
+        "ISA form: K_p (b r − y + 1/T_i ∫(r − y) dt + T_d d(c r − y)/dt). Of the error e = r − y, parallel: "
+        f"{EQUATIONS[PARALLEL]}; series: {EQUATIONS[SERIES]}. {FILTERED} {ANTI_WINDUP}{none} "
+        f"To go back, set the values of the {baseline}."
+    )
+    return question.table("The PID in each form", ("", "form", "best", baseline), lines, caption)
+
+
 def next_view(interview: Interview, report: Path | None) -> dict[str, Any]:
     """Return what can be done with the result."""
     file = None if report is None or not (report / "best.json").is_file() else report / "best.json"
     usable = interview.scenario.controller is not None and file is not None
     return {
+        **_written(interview, file),
         "python": f"prefcal_app.load_controller({str(file)!r})" if usable else "",
         "download": None if file is None else "/report/best.json",
         "verifies": file is not None and interview.scenario.source.candidates is None,
         "outlook": outlook_view(interview.known.outlook),
     }
+
+
+def _written(interview: Interview, best: Path | None) -> dict[str, Any]:
+    """Return the PID of a best.json in each form, and the commands that write its controller as code."""
+    nothing: dict[str, Any] = {"forms": None, "export": []}
+    if best is None:
+        return nothing
+    # The file has what the scenario says of its controller: a page never waits for somebody's function.
+    try:
+        content = json.loads(best.read_text("utf-8"))
+    except (OSError, ValueError):  # somebody edits it, or has moved it
+        return nothing
+    settings, before = content.get("settings", {}), content.get("before", {})
+    time = content.get("channels", {}).get("time_unit", "")
+    rows = pid_rows(interview.scenario.space, settings, before.get("settings", {}), time)
+    commands = [
+        {"command": shlex.join(["prefcal", "export", str(best), "--to", word]), "what": LANGUAGES[word]}
+        for word in languages_of(settings)
+    ]
+    return {"forms": pid_table(rows, before.get("what", "")), "export": commands}
 
 
 def outlook_view(outlook: Outlook | None) -> dict[str, Any] | None:

@@ -11,14 +11,17 @@ from prefcal_app.report.export import (
     REBUILD,
     best_as_json,
     equations,
+    export_controller,
     jsonable,
     load_controller,
     model,
     tuning_of,
 )
-from prefcal_env import Plant
+from prefcal_env import LQR, PID, Plant
+from prefcal_env.controllers import as_code, as_data
 from prefcal_env.disk import digest_of
-from prefcal_env.errors import ScenarioError
+from prefcal_env.errors import ScenarioError, SettingsError
+from prefcal_env.experiments.experiment import Channel, Channels
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.names import CLOSED_LOOPS
 from toy_study import TOY_FILE, toy_record
@@ -189,3 +192,82 @@ def test_nothing_can_be_exported_before_the_first_experiment():
 def test_json_stays_strict():
     value = {"a": np.inf, "b": np.array([1.5, np.nan]), "c": (np.int64(2), True), "d": None}
     assert jsonable(value) == {"a": None, "b": [1.5, None], "c": [2, True], "d": None}
+
+
+# --- The controller in the form of the plant's system.
+
+CHANNELS = {"time_unit": "s", "x": [], "u": [["valve", "%"]], "y": [["T", "°C"]]}
+HEATER = PID(2.0, 120.0, 10.0, T_s=1.0, b=0.5, low=0.0, high=100.0)
+
+
+@pytest.fixture
+def heater(best):
+    units = {"T_s": "h", "N_p": "", "gain": "", "K_p": "%/°C"}
+    return changed(best, settings=as_data(HEATER), channels=CHANNELS, units=units)
+
+
+def test_best_json_names_what_its_controller_is_connected_to(best):
+    channels = toy_record().best.experiment.channels
+    said = json.loads(best.read_text("utf-8"))["channels"]
+    assert said["time_unit"] == channels.time_unit == "h"
+    assert said["y"] == [[c.name, c.unit] for c in channels.y]
+
+
+@pytest.mark.parametrize("to", ["st", "c"])
+def test_code_is_that_of_the_controller_and_says_where_it_is_from(heater, to):
+    text = export_controller(heater, to, name="heater")
+    named = Channels((), (Channel("valve", "%"),), (Channel("T", "°C"),), "s")
+    expected = as_code(HEATER, to, named, name="heater")
+    first, rest = text.split("\n", 1)
+    assert rest == "   " + expected[len("/* ") :]  # one line more in the first comment
+    assert json.loads(heater.read_text("utf-8"))["title"] in first
+    assert "SHA-256 of best.json: " in first
+
+
+def test_the_forms_have_equations_numbers_and_units(heater):
+    lines = [" ".join(line.split()) for line in export_controller(heater, "forms", time="min").splitlines()]
+    assert "parallel: K_p e + K_i ∫e dt + K_d de/dt" in lines
+    assert "T_i 2 min" in lines
+    assert "1/T_i (repeats per minute) 0.5 1/min" in lines
+    assert "K_i 1 %/°C/min" in lines
+    in_percent = export_controller(heater, "forms", spans=(50.0, 100.0)).split()
+    assert in_percent[-5:] == ["PB", "(proportional", "band)", "100", "%"]  # 2 %/°C over 50 °C: 1 % a %
+
+
+def test_a_form_that_a_pid_does_not_have_says_why(heater):
+    text = export_controller(changed(heater, settings=as_data(HEATER) | {"T_d": 60.0}), "forms")
+    assert "K_p′ – (this form cannot have a T_d above about a quarter of T_i)" in " ".join(text.split())
+
+
+def test_a_best_json_of_before_says_no_channels_and_is_exported_all_the_same(heater):
+    content = json.loads(heater.read_text("utf-8"))
+    del content["channels"]
+    heater.write_text(json.dumps(content))
+    assert "sampling time of 1 (the plant's unit of time)" in export_controller(heater, "st")
+    assert "T_i" in export_controller(heater, "forms")
+    with pytest.raises(SettingsError, match="times in no unit cannot be shown in 'min'"):
+        export_controller(heater, "forms", time="min")
+
+
+def test_what_cannot_be_exported_says_why(heater):
+    with pytest.raises(SettingsError, match="for 'forms' only"):
+        export_controller(heater, "st", time="min")
+    lqr = as_data(LQR(Plant.of(([1.0], [1, 1])), [1.0], [1.0], T_s=0.1))
+    changed(heater, settings=lqr)
+    with pytest.raises(SettingsError, match="only a PID has forms"):
+        export_controller(heater, "forms")
+    with pytest.raises(SettingsError, match="in C only"):
+        export_controller(heater, "st")
+
+
+@pytest.mark.parametrize("to", ["st", "forms"])
+def test_what_settings_leave_out_is_as_in_a_new_pid(heater, to):
+    whole = export_controller(heater, to).split("\n", 1)[1]
+    settings = as_data(HEATER)
+    del settings["N"], settings["c"]  # 10 and 0
+    assert export_controller(changed(heater, settings=settings), to).split("\n", 1)[1] == whole
+
+
+def test_channels_that_are_none_are_refused(heater):
+    with pytest.raises(ScenarioError, match="must name channels"):
+        export_controller(changed(heater, channels={"y": [3]}), "st")

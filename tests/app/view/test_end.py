@@ -1,5 +1,6 @@
 """The end compares the result with the first experiment, and says what can be done next."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,8 @@ from prefcal_app.session import Choice
 from prefcal_app.summary import Spread
 from prefcal_app.view import now_view
 from prefcal_app.view.end import baseline_of, gain_view, gained
+from prefcal_env import PID
+from prefcal_env.controllers import as_data
 from prefcal_scenarios.scenario import KPI
 from support.looks import asked
 
@@ -105,3 +108,31 @@ def test_the_report_opens_and_the_controller_can_be_downloaded(tmp_path):
     assert str(tmp_path / "best.json") in view["next"]["python"]
     _, _, without = over(tmp_path / "nowhere")
     assert (without["next"]["download"], without["next"]["python"]) == (None, "")
+
+
+def test_the_end_gives_a_pid_in_each_form_and_says_how_to_write_the_controller(tmp_path):
+    new, old = (as_data(PID(K_p, 20.0, 8.0, T_s=1.0)) for K_p in (2.0, 1.0))
+    content = {"settings": new, "before": {"what": "paper", "settings": old}, "channels": {"time_unit": "s"}}
+    (tmp_path / "best.json").write_text(json.dumps(content))
+    found = over(tmp_path)[2]["next"]
+    forms = found["forms"]
+    assert [column["name"] for column in forms["columns"]] == ["", "form", "best", "paper"]
+    cells = {row["name"]: [cell["text"] for cell in row["cells"]] for row in forms["rows"]}
+    assert cells["K_i"] == ["parallel", "0.1", "0.05"]
+    assert cells["T_i′"] == ["series", "–", "–"]  # 4 * 8 > 20
+    assert "–: this form cannot have a T_d above about a quarter of T_i." in forms["caption"]
+    best = tmp_path / "best.json"
+    assert [each["command"] for each in found["export"]] == [
+        f"prefcal export {best} --to st",
+        f"prefcal export {best} --to c",
+    ]
+
+
+def test_other_controllers_have_no_forms_at_the_end(tmp_path):
+    (tmp_path / "best.json").write_text(json.dumps({"settings": {"controller": "LQR"}}))
+    found = over(tmp_path)[2]["next"]
+    assert found["forms"] is None
+    assert [each["what"] for each in found["export"]] == ["C (C99)"]
+    for text in ('{"settings": {"gain": 1.0}}', "not JSON"):
+        (tmp_path / "best.json").write_text(text)
+        assert over(tmp_path)[2]["next"]["export"] == over()[2]["next"]["export"] == []

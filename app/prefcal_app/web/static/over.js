@@ -51,7 +51,10 @@ function steps(now, act) {
     item("Compare more", el("p", { class: "actions" }, more, button("more experiments", on),
       progress.answered >= progress.questions ? null : button("Keep comparing", () => act("go_on", { more: 0 })),
       can("undo") ? button("Undo last answer", () => act("undo", { version: now.version }, "last answer undone")) : null)),
-    over.next.python ? item("Use the controller", command(over.next.python, "builds it in Python")) : null,
+    over.next.python || over.next.forms ? item("Use the controller",
+      over.next.forms ? el("details", {}, el("summary", {}, "The PID for your control system: ISA, parallel and series form"), el("p", { class: "faint" }, symbol(over.next.forms.caption)), shownTable(over.next.forms)) : null,
+      over.next.export.map((each) => command(each.command, `writes it in ${each.what}`)),
+      over.next.python ? command(over.next.python, "builds it in Python") : null) : null,
     outlook ? item("Continue or stop?", outlook.sentences.map((words) => el("p", {}, symbol(words))),
       outlook.command ? command(outlook.command, "widens the range") : null, // the last sentence ends with "for example with:"
       over.decisive || over.smaller ? el("p", { class: "actions" }, over.decisive ? button("Look at that answer again", again) : null,

@@ -1,0 +1,545 @@
+"""Write a controller as control systems take it: a PID's numbers by form, structured text, and C."""
+
+import re
+import unicodedata
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from math import inf, isfinite, nan, sqrt
+from string import Template
+from typing import Any
+
+import numpy as np
+
+from prefcal_env.errors import SettingsError
+from prefcal_env.experiments.experiment import Channel, Channels, Controller
+from prefcal_env.plants.systems import held
+from prefcal_env.units import conversion
+
+from .lqr import LQG, LQR
+from .pid import PID, Decentralized, tracking_time
+
+# --- The numbers of a PID, in the forms that control systems use.
+
+
+@dataclass(frozen=True, slots=True)
+class PIDParameter:
+    """Parameter of a PID in one form."""
+
+    form: str  # forms that have it
+    name: str  # symbol
+    value: float  # an infinite integral time is no integral action; NaN if the form cannot do this PID
+    unit: str  # unit of the value
+    derived: str = ""  # how it follows from the ISA form, or why there is none; empty if it is of that form
+
+
+ISA, PARALLEL, SERIES, PERCENT = "ISA (standard)", "parallel", "series", "percent"
+BOTH, ALL = "ISA, parallel", "all"
+EQUATIONS: Mapping[str, str] = {
+    ISA: "K_p (e + 1/T_i ∫e dt + T_d de/dt)",
+    PARALLEL: "K_p e + K_i ∫e dt + K_d de/dt",
+    SERIES: "K_p′ (1 + 1/(T_i′ s)) (1 + T_d′ s) e",
+    PERCENT: "the ISA form with input and output in percent of their ranges",
+}
+"""Forms, with what they are of the error e = r - y."""
+FILTERED = "T_f = T_d/N filters the derivative only. K_p above 0 is reverse action, below 0 direct action."
+"""What holds for all forms."""
+ANTI_WINDUP = (
+    "Against windup the integral also gets ∫(u − v)/T_t dt: v is the output before the limits, u after them."
+)
+"""What holds for all forms with integral action."""
+_NEEDED = {"K_p", "T_i", "T_d", "T_s", "N", "b", "c"}
+NO_SERIES = "this form cannot have a T_d above about a quarter of T_i"
+
+
+def pid_forms(
+    settings: Mapping[str, Any],
+    units: Mapping[str, str],
+    time: str,
+    *,
+    shown: str = "",
+    spans: tuple[float, float] | None = None,
+) -> tuple[PIDParameter, ...]:
+    """Return the parameters of the PIDs that `settings` describe, in each form; () for others.
+
+    Source: Åström, Hägglund (2006), Advanced PID Control: the forms, and proportional band as 100 % / K.
+    Deviation: the series form is exact with the filter; the book converts PIDs without one.
+
+    Args:
+        settings: Settings of the controller, as `prefcal_env.controllers` describes it.
+        units: Units of the knobs of the study by name; that of K_p is the knob's.
+        time: Unit of time of the settings.
+        shown: Unit of time of the parameters; the same if empty.
+        spans: Ranges of the measured output and of the input, high minus low, for the gain in percent.
+
+    Raises:
+        SettingsError: If `time` cannot be converted to `shown`, or a span is not above 0 and finite.
+    """
+    kind = settings.get("controller")
+    pids = [settings] if kind == "PID" else settings.get("pids", []) if kind == "Decentralized" else []
+    if not all(pid.keys() >= _NEEDED for pid in pids):
+        return ()  # of somebody's own controller of this name
+    scale = conversion(time, shown or time)
+    if scale is None:
+        raise SettingsError(f"times in {time or 'no unit'} cannot be shown in {shown!r}: give s, min or h")
+    if spans is not None and not all(0 < span < inf for span in spans):
+        raise SettingsError(f"the ranges of output and input must be above 0 and finite, got {spans}")
+    found: list[PIDParameter] = []
+    for number, pid in enumerate(pids, start=1):
+        end = f"_{number}" if len(pids) > 1 else ""
+        times = ("T_i", "T_d", "T_s", *(["T_t"] if pid.get("T_t") is not None else []))
+        scaled = {n: _time(pid[n]) * scale.factor for n in times}
+        found += _forms({**pid, **scaled}, end, units.get(f"K_p{end}", ""), shown or time)
+        if spans is not None:
+            found += _in_percent(pid["K_p"] * spans[0] / spans[1], end)
+    return tuple(found)
+
+
+def _time(value: float | None) -> float:
+    return inf if value is None else value  # None in plain data, for no integral action
+
+
+def _forms(pid: Mapping[str, Any], end: str, gain: str, time: str) -> Iterator[PIDParameter]:
+    K_p, T_i, T_d, N = (pid[name] for name in ("K_p", "T_i", "T_d", "N"))
+    plain, T_f, minutes = gain or "1", T_d / N, conversion(time, "min")
+    yield PIDParameter(BOTH, f"K_p{end}", K_p, gain)
+    yield PIDParameter(ISA, f"T_i{end}", T_i, time)
+    if minutes is not None:
+        rate = 1 / (T_i * minutes.factor)
+        yield PIDParameter(ISA, f"1/T_i{end} (repeats per minute)", rate, "1/min", "1/T_i")
+    yield PIDParameter(ISA, f"T_d{end}", T_d, time)
+    yield PIDParameter(PARALLEL, f"K_i{end}", K_p / T_i, f"{plain}/{time}", "K_p/T_i")
+    yield PIDParameter(PARALLEL, f"K_d{end}", K_p * T_d, f"{gain} {time}".strip(), "K_p T_d")
+    K, lag, lead = _series(K_p, T_i, T_d, T_f)
+    none = NO_SERIES if K != K else ""
+    yield PIDParameter(SERIES, f"K_p′{end}", K, gain, none or "K_p T_i′/T_i")
+    yield PIDParameter(SERIES, f"T_i′{end}", lag, time, none or "T_i′ + T_d′ = T_i + T_f")
+    yield PIDParameter(SERIES, f"T_d′{end}", lead, time, none or "T_i′ T_d′ = T_i (T_d + T_f)")
+    yield PIDParameter(ALL, f"T_f{end} (filter of the derivative)", T_f, time, "T_d/N")
+    if isfinite(T_i):
+        stated, rule = pid.get("T_t"), "√(T_i T_d)" if 25 * T_d >= T_i else "T_i"
+        tracking = tracking_time(T_i, T_d) if stated is None else stated
+        name = f"T_t{end} (tracking time of the anti-windup)"
+        yield PIDParameter(ALL, name, tracking, time, rule if stated is None else "")
+    yield PIDParameter(BOTH, f"b{end} (set-point weight of K_p)", pid["b"], "")
+    yield PIDParameter(BOTH, f"c{end} (set-point weight of T_d)", pid["c"], "")
+    yield PIDParameter(ALL, f"T_s{end} (sampling time)", pid["T_s"], time)
+
+
+def _series(K: float, T_i: float, T_d: float, T_f: float) -> tuple[float, float, float]:
+    """Return K', T_i' and T_d' with the same zeros, poles and gain, filter included; NaN if there are none.
+
+    K (1 + 1/(T_i s) + T_d s/(1 + T_f s)) = K' (1 + 1/(T_i' s)) (1 + T_d' s)/(1 + T_f s).
+    """
+    if T_i == inf:
+        return K, inf, T_d + T_f
+    total = T_i + T_f
+    inner = 1 - 4 * (T_i / total) * ((T_d + T_f) / total)
+    if inner < 0:
+        return nan, nan, nan
+    lag = total * (1 + sqrt(inner)) / 2
+    return K * (lag / T_i), lag, T_i / lag * (T_d + T_f)
+
+
+def _in_percent(gain: float, end: str) -> Iterator[PIDParameter]:
+    yield PIDParameter(PERCENT, f"K{end}", gain, "%/%", "K_p times range of y / range of u")
+    yield PIDParameter(
+        PERCENT, f"PB{end} (proportional band)", 100 / abs(gain) if gain else inf, "%", "100 %/|K|"
+    )
+
+
+# --- The controller as a program: sample by sample what `move` does.
+
+LANGUAGES: Mapping[str, str] = {"st": "IEC 61131-3 structured text", "c": "C (C99)"}
+"""Languages of `as_code`, by the word for each."""
+_WRITES: Mapping[str, tuple[str, ...]] = {
+    "PID": ("st", "c"),
+    "Decentralized": ("st", "c"),
+    "LQR": ("c",),
+    "LQG": ("c",),
+}
+_WIDEST = 1e38  # stands for no limit, which neither language has a number for; a REAL can hold it, too
+
+
+def languages_of(settings: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the languages of `as_code` for the controller that `settings` describe; () if there are none."""
+    return _WRITES.get(str(settings.get("controller")), ())
+
+
+def as_code(
+    controller: Controller, language: str, channels: Channels, *, name: str = "tuned", about: str = ""
+) -> str:
+    """Return a program that does at every sampling instant what the controller does.
+
+    A PID becomes a function block of IEC 61131-3 structured text or a C function; several PIDs, one each;
+    LQR and LQG, a C function. All memory is fixed, and C needs no library.
+
+    Args:
+        controller: PID, `Decentralized`, `LQR` or `LQG`.
+        language: "st" for structured text, "c" for C99.
+        channels: What its outputs, inputs and states are called, and the unit of time, for comments.
+        name: Name of the function block or function.
+        about: Where the controller is from, for the first comment.
+
+    Raises:
+        SettingsError: If the controller cannot be written in this language, or `name` is no name in both.
+    """
+    if language not in LANGUAGES:
+        raise SettingsError(f"a controller can be written in {sorted(LANGUAGES)}, got {language!r}")
+    _check_name(name)
+    if isinstance(controller, PID):
+        return _pid(controller, language, channels, name, about)
+    if isinstance(controller, Decentralized):
+        each = enumerate(controller.pids, start=1)
+        return "\n".join(_pid(pid, language, channels, f"{name}_{i}", about) for i, pid in each)
+    if not isinstance(controller, LQR | LQG):
+        raise SettingsError(
+            f"a controller of type {type(controller).__name__} cannot be written as code: PID, LQR and LQG "
+            "can. An MPC solves an optimization problem at every instant, which prefcal does not write yet"
+        )
+    if language != "c":
+        raise SettingsError("an LQR or LQG is written in C only; structured text is for PIDs")
+    return _lqr(controller, channels, name, about)
+
+
+_RESERVED = (
+    " auto break case char const continue default do double else enum extern float for goto if inline "
+    "int long register restrict return short signed sizeof static struct switch typedef union "
+    "unsigned void volatile while main program configuration resource function function_block var "
+    "end_var real lreal sint dint lint usint uint udint ulint bool byte word dword lword true false "
+    "and or xor not mod of to by on at with then elsif repeat until exit type array string wstring "
+    "time date tod dt action step transition retain constant task interval priority read_only "
+    "read_write limit min max sel mux abs sqrt ln log exp sin cos tan sr rs sema r_trig f_trig ctu "
+    "ctd ctud tp ton tof rtc pid integral derivative hysteresis ramp "
+)
+"""Words and usual blocks of C or of structured text, where upper and lower case are the same."""
+
+
+def _check_name(name: str) -> None:
+    plain = re.fullmatch(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*", name)
+    if plain is None or f" {name.lower()} " in _RESERVED:
+        raise SettingsError(
+            "the name of a controller's code must be letters, digits and single underscores, start with a "
+            f"letter, and be no word of C or structured text, got {name!r}"
+        )
+
+
+def _comment(*lines: str) -> str:
+    """Return the lines of a comment in ASCII, which every editor of a control system reads."""
+    text = "\n   ".join(" ".join(line.split()) for line in lines if line)
+    for sign, ascii_ in {"°": "deg", "·": ".", "*": ".", "µ": "u", "Ω": "Ohm", "′": "'", "−": "-"}.items():
+        text = text.replace(sign, ascii_)
+    parts = [c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c)]
+    # No "?" for the others: in C, two of them and a slash may be a trigraph.
+    return "".join(c if c.isascii() else "_" for c in parts)
+
+
+def _time_of(channels: Channels) -> str:
+    return channels.time_unit or "(the plant's unit of time)"
+
+
+def _called(channels: Sequence[Channel], index: int, kind: str) -> str:
+    """Return a channel's name and unit, for comments."""
+    if index >= len(channels):
+        return f"{kind} {index + 1}"
+    channel = channels[index]
+    return f"{channel.name} [{channel.unit}]" if channel.unit else channel.name
+
+
+def _number(value: float) -> str:
+    """Return a number with all of its digits, as both languages read it."""
+    # `repr` is the shortest text that is the same number again; an exponent alone is no real in ST.
+    mantissa, e, exponent = repr(float(min(max(value, -_WIDEST), _WIDEST))).partition("e")
+    return f"{mantissa}{'' if '.' in mantissa else '.0'}{e}{exponent}"
+
+
+# --- A PID in both languages.
+
+_STRUCTURED_TEXT = """\
+(* $about *)
+FUNCTION_BLOCK $name
+VAR_INPUT
+  AUTO : BOOL := TRUE; (* FALSE: manual. U follows ACTED, and the way back is bumpless *)
+  SP : LREAL; (* set point, in the unit of PV *)
+  PV : LREAL; (* $pv. If it is bad, set AUTO to FALSE *)
+  ACTED : LREAL; (* what acted since the last call: read-back of the actuator, or U; in manual by hand *)
+END_VAR
+VAR_OUTPUT
+  U : LREAL; (* $u *)
+END_VAR
+VAR CONSTANT
+  GAIN : LREAL := $gain; (* K_p *)
+  WEIGHT_P : LREAL := $weight_p; (* b, set-point weight of the proportional part *)
+  WEIGHT_D : LREAL := $weight_d; (* c, set-point weight of the derivative part *)
+  PER_SAMPLE : LREAL := $integral; (* K_p T_s / T_i *)
+  TRACKING : LREAL := $tracking; (* T_s / T_t: share of what limits cut off that leaves the integral *)
+  POLE : LREAL := $pole; (* T_d / (T_d + N T_s), of the derivative filter *)
+  RISE : LREAL := $rise; (* K_p N *)
+  U_LOW : LREAL := $low; (* $least *)
+  U_HIGH : LREAL := $high; (* $most *)
+END_VAR
+VAR
+  running : BOOL := FALSE;
+  last_sp : LREAL := 0.0;
+  last_pv : LREAL := 0.0;
+  i_part : LREAL := 0.0;
+  d_part : LREAL := 0.0;
+  wanted : LREAL := 0.0;
+  before : LREAL := 0.0;
+END_VAR
+IF NOT AUTO THEN
+  running := FALSE;
+  U := ACTED;
+  RETURN;
+END_IF;
+IF NOT running THEN
+  (* bumpless: as if the loop had been at rest with the last input *)
+  running := TRUE;
+  last_sp := PV;
+  last_pv := PV;
+  d_part := 0.0;
+  i_part := ACTED - GAIN * (WEIGHT_P * PV - PV);
+ELSE
+  i_part := i_part + PER_SAMPLE * (last_sp - last_pv);
+  i_part := i_part + TRACKING * (ACTED - wanted); (* anti-windup by back-calculation *)
+END_IF;
+before := WEIGHT_D * last_sp - last_pv;
+last_sp := SP;
+last_pv := PV;
+d_part := POLE * (d_part + RISE * (WEIGHT_D * SP - PV - before));
+wanted := GAIN * (WEIGHT_P * SP - PV) + i_part + d_part;
+U := wanted;
+IF U > U_HIGH THEN
+  U := U_HIGH;
+END_IF;
+IF U < U_LOW THEN
+  U := U_LOW;
+END_IF;
+END_FUNCTION_BLOCK
+"""
+
+_C = """\
+/* $about */
+#ifndef ${guard}_H
+#define ${guard}_H
+
+typedef struct {
+    int running;
+    double last_sp, last_pv, integral, derivative, wanted;
+} ${name}_state; /* one for each loop, all zeros at the start: static ${name}_state state; */
+
+/* Return u: $u.
+   automatic: 0 is manual. Then it returns acted, and the way back is bumpless.
+   sp, pv: set point and $pv. If it is bad, set automatic to 0.
+   acted: what acted since the last call: read-back of the actuator, or what this returned; in manual
+   what was set by hand. */
+static inline double $name(${name}_state *m, int automatic, double sp, double pv, double acted)
+{
+    const double gain = $gain; /* K_p */
+    const double weight_p = $weight_p, weight_d = $weight_d; /* set-point weights b and c */
+    const double per_sample = $integral; /* K_p T_s / T_i */
+    const double tracking = $tracking; /* T_s / T_t: share of what limits cut off that leaves the integral */
+    const double pole = $pole; /* T_d / (T_d + N T_s), of the derivative filter */
+    const double rise = $rise; /* K_p N */
+    const double low = $low, high = $high; /* $least, $most */
+    double before;
+    if (!automatic) {
+        m->running = 0;
+        return acted;
+    }
+    if (!m->running) { /* bumpless: as if the loop had been at rest with the last input */
+        m->running = 1;
+        m->last_sp = m->last_pv = pv;
+        m->derivative = 0.0;
+        m->integral = acted - gain * (weight_p * pv - pv);
+    } else {
+        m->integral += per_sample * (m->last_sp - m->last_pv);
+        m->integral += tracking * (acted - m->wanted); /* anti-windup by back-calculation */
+    }
+    before = weight_d * m->last_sp - m->last_pv;
+    m->last_sp = sp;
+    m->last_pv = pv;
+    m->derivative = pole * (m->derivative + rise * (weight_d * sp - pv - before));
+    m->wanted = gain * (weight_p * sp - pv) + m->integral + m->derivative;
+    return m->wanted > high ? high : m->wanted < low ? low : m->wanted;
+}
+
+#endif
+"""
+
+
+def _pid(pid: PID, language: str, channels: Channels, name: str, about: str) -> str:
+    p, law, time = pid.parameters, pid.law, _time_of(channels)
+    said = {n: f"{p[n]:.6g}" for n in ("T_s", "K_p", "T_i", "T_d", "N", "b", "c")}
+    action = "direct action, u rises with y" if p["K_p"] < 0 else "reverse action, u falls as y rises"
+    head = _comment(
+        about,
+        f"PID, to be called once in every sampling time of {said['T_s']} {time}: its constants are for that.",
+        "u = K_p (b r - y + 1/T_i int(r - y) dt + T_d d(c r - y)/dt), the derivative filtered with T_d/N.",
+        f"K_p = {said['K_p']} ({action}), T_i = {said['T_i']} {time}, T_d = {said['T_d']} {time},",
+        f"N = {said['N']}, b = {said['b']}, c = {said['c']}. K_p is in units of u per unit of y.",
+        "It needs 64-bit floating point: with REAL, 7 digits, a slow integral may stand still."
+        if language == "st"
+        else "",
+    )
+    numbers = {
+        "gain": law.K_p,
+        "weight_p": p["b"],
+        "weight_d": p["c"],
+        "integral": law.integral,
+        # An integral that is off stays where the start has put it.
+        "tracking": pid.tracking if isfinite(p["T_i"]) else 0.0,
+        "pole": law.pole,
+        "rise": law.rise,
+        "low": p["low"],
+        "high": p["high"],
+    }
+    words = {
+        "pv": _comment(f"measured output {_called(channels.y, pid.output, 'y')}"),
+        "u": _comment(f"input of the plant {_called(channels.u, pid.input, 'u')}"),
+        "least": "lower limit" if isfinite(p["low"]) else "no lower limit",
+        "most": "upper limit" if isfinite(p["high"]) else "no upper limit",
+    }
+    template = Template(_STRUCTURED_TEXT if language == "st" else _C)
+    written = {key: _number(value) for key, value in numbers.items()}
+    return template.substitute(written, **words, name=name, guard=name.upper(), about=head)
+
+
+# --- LQR and LQG in C.
+
+_ESTIMATED = """\
+    for (i = 0; i < NX; i++) { /* predict with the input that acted */
+        dx[i] = 0.0;
+        for (j = 0; m->running && j < NX; j++) dx[i] += A[i][j] * m->x[j];
+        for (j = 0; m->running && j < NU; j++) dx[i] += B[i][j] * (acted[j] - u0[j]);
+        finite = finite && dx[i] - dx[i] == 0.0;
+    }
+    for (i = 0; i < NX && !finite; i++) dx[i] = 0.0; /* the model diverged: start anew */
+    for (i = 0; i < NY; i++) {
+        e[i] = y[i] - y0[i];
+        for (j = 0; j < NX; j++) e[i] -= C[i][j] * dx[j];
+        for (j = 0; j < NU; j++) e[i] -= D[i][j] * (acted[j] - u0[j]);
+    }
+    for (i = 0; i < NX; i++) { /* correct with what was measured */
+        for (j = 0; j < NY; j++) dx[i] += L[i][j] * e[j];
+        m->x[i] = dx[i];
+    }
+    m->running = 1;
+"""
+_UNUSED = "    (void)m;\n"
+_MEASURED = "    for (i = 0; i < NX; i++) dx[i] = x[i] - x0[i];\n"
+_REFERENCES = "        for (j = 0; j < NY; j++) v += F[i][j] * (r[j] - y0[j]);\n"
+_SUMS = "        for (j = 0; j < NI; j++) v -= K_I[i][j] * m->sum[j];\n"
+_STEPS = """\
+    for (i = 0; i < NI; i++) { /* an output without a reference (NaN) has no error to sum */
+        step[i] = TIME * (y[OUT[i]] - r[OUT[i]]);
+        if (step[i] != step[i]) step[i] = 0.0;
+    }
+"""
+_CUT = """\
+        if (v != u[i]) cut = 1;
+        for (j = 0; j < NI; j++) back += (v - u[i]) * K_I[i][j] * step[j];
+"""
+_SUMMED = """\
+    /* anti-windup: at a limit the sums move only if that brings the input back */
+    for (i = 0; i < NI && (!cut || back > 0.0); i++) m->sum[i] += step[i];
+"""
+_LQR = """\
+/* $about */
+#ifndef ${guard}_H
+#define ${guard}_H
+
+typedef struct {
+$memory} ${name}_state; /* all zeros at the start: static ${name}_state state; */
+
+/* Write the inputs into u. r: references of the outputs$nan.
+   $takes */
+static inline void $name(${name}_state *m, const double *r, $arguments, double *u)
+{
+    enum { $sizes };
+$constants
+    double v, dx[NX]$more;
+    int i, j$flags;
+$state$steps    for (i = 0; i < NU; i++) {
+        v = u0[i];
+        for (j = 0; j < NX; j++) v -= K[i][j] * dx[j];
+$outer        u[i] = v > high[i] ? high[i] : v < low[i] ? low[i] : v;
+$cut    }
+$summed}
+
+#endif
+"""
+
+
+def _lqr(controller: LQR | LQG, channels: Channels, name: str, about: str) -> str:
+    lqg = controller if isinstance(controller, LQG) else None
+    lqr, time = (controller if isinstance(controller, LQR) else controller.lqr), _time_of(channels)
+    m, sums = lqr.model, bool(lqr.integral)
+    sizes = {"NX": len(m.x0), "NU": len(m.u0), "NY": len(m.y0), "NI": len(lqr.integral)}
+    head = _comment(
+        about,
+        f"{type(controller).__name__}, to be called once in every sampling time of {lqr.T_s:.6g} {time}.",
+        _listed("r and y", channels.y, len(m.y0)),
+        _listed("u", channels.u, len(m.u0)),
+        _listed("x", channels.x, len(m.x0)),
+        "In manual, call it with r = y and do not use u: then its sums of errors stand still.",
+        "The way back is not bumpless.",
+    )
+    words = {
+        "memory": _memory(sizes, filtered=lqg is not None),
+        "nan": ", NaN for none" if sums else ", each a number",
+        "sizes": ", ".join(f"{key} = {value}" for key, value in sizes.items() if value),
+        "constants": "\n".join(_constants(lqr, lqg)),
+        "outer": _SUMS if sums else _REFERENCES,
+        "steps": _STEPS if sums else "",
+        "cut": _CUT if sums else "",
+        "summed": _SUMMED if sums else "",
+        "more": (", e[NY]" if lqg else "") + (", step[NI], back = 0.0" if sums else ""),
+        "flags": (", finite = 1" if lqg else "") + (", cut = 0" if sums else ""),
+        "state": _ESTIMATED if lqg else _MEASURED if sums else _UNUSED + _MEASURED,
+        "takes": "y: measured outputs. acted: inputs since the last call." if lqg else "x: states.",
+        "arguments": "const double *y, const double *acted" if lqg else "const double *x",
+    }
+    if sums and not lqg:
+        words["takes"] = "y: measured outputs. x: states."
+        words["arguments"] = "const double *y, const double *x"
+    return Template(_LQR).substitute(words, name=name, guard=name.upper(), about=head)
+
+
+def _memory(sizes: Mapping[str, int], *, filtered: bool) -> str:
+    """Return the members of the struct, of which C needs at least one."""
+    lines = f"    int running;\n    double x[{sizes['NX']}]; /* estimate, less x0 */\n" if filtered else ""
+    if sizes["NI"]:
+        lines += f"    double sum[{sizes['NI']}]; /* of the errors, times the sampling time */\n"
+    return lines or "    int unused; /* without integral action there is nothing to remember */\n"
+
+
+def _listed(symbol: str, channels: Sequence[Channel], number: int) -> str:
+    """Return what the elements of a vector are, for comments."""
+    return f"{symbol}: {', '.join(_called(channels, i, symbol[0]) for i in range(number))}"
+
+
+def _constants(lqr: LQR, lqg: LQG | None) -> Iterator[str]:
+    """Yield the declarations of the matrices and vectors that the function needs."""
+    m, sums = lqr.model, bool(lqr.integral)
+    arrays = {"K": lqr.K, "u0": m.u0, "low": m.low, "high": m.high}
+    if lqg is None:
+        arrays["x0"] = m.x0
+    else:
+        A, B = held(m.A, m.B, lqr.T_s)
+        arrays |= {"A": A, "B": B, "C": m.C, "D": m.D, "L": lqg.gain}
+    if sums:
+        arrays["K_I"] = lqr.K_i
+        yield f"    static const int OUT[] = {{{', '.join(map(str, lqr.integral))}}};"
+        yield f"    const double TIME = {_number(lqr.T_s)};"
+    else:
+        arrays["F"] = lqr.K_r
+    if lqg is not None or not sums:
+        arrays["y0"] = m.y0
+    for name, array in arrays.items():
+        shape = "".join(f"[{length}]" for length in array.shape)
+        yield f"    static const double {name}{shape} = {_nested(array)};"
+
+
+def _nested(array: np.ndarray) -> str:
+    parts = (_nested(row) if row.ndim else _number(float(row)) for row in map(np.asarray, array))
+    return f"{{{', '.join(parts)}}}"

@@ -1,0 +1,445 @@
+"""Controllers in other forms and languages: the same numbers, and the same moves sample by sample."""
+
+import ctypes
+import re
+import shutil
+import subprocess
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given as drawn
+from hypothesis import settings
+from hypothesis import strategies as st
+
+from prefcal_env import LQG, LQR, PID, Channel, Plant
+from prefcal_env.controllers import Decentralized, Linearized, as_code
+from prefcal_env.controllers.written import ALL, BOTH, ISA, PARALLEL, PERCENT, SERIES, pid_forms
+from prefcal_env.errors import SettingsError
+from prefcal_env.experiments.experiment import Channels, Measurement
+
+Step = Callable[[bool, float, float, float], float]
+"""One sample of a program: automatic, set point, measured output and the input that acted, to the input."""
+COMPILER = shutil.which("cc")
+NAMED = Channels((), (Channel("valve", "%"),), (Channel("T", "°C"),), "s")
+
+
+# --- Run what was written.
+
+
+def as_python(text: str) -> Step:
+    """Return the function block of a structured text as a function, by the few statements that it uses."""
+    constants = dict(re.findall(r"^  (\w+) : LREAL := (-?\d+\.\d+(?:e[+-]\d+)?);", text, re.MULTILINE))
+    memory: dict[str, float] = {name.lower(): float(value) for name, value in constants.items()}
+    memory |= {"running": False, "true": True, "false": False}
+    body = re.sub(r"\(\*.*?\*\)", "", text.rpartition("END_VAR")[2], flags=re.DOTALL)
+    lines, depth = ["def block(m):"], 1
+    for raw in filter(None, map(str.strip, body.lower().splitlines())):
+        if raw in ("end_if;", "end_function_block"):
+            depth -= 1
+            continue
+        if raw == "else":
+            depth -= 1
+        name, assigned, value = raw.rstrip(";").partition(" := ")
+        if assigned:
+            lines.append("    " * depth + f"m[{name!r}] = {_read(value)}")
+        elif raw == "return;":
+            lines.append("    " * depth + "return")
+        else:
+            lines.append("    " * depth + ("else:" if raw == "else" else f"if {_read(raw[3:-5])}:"))
+            depth += 1
+    space: dict[str, Callable[[dict[str, float]], None]] = {}
+    exec("\n".join(lines), {}, space)
+
+    def step(automatic: bool, sp: float, pv: float, acted: float) -> float:
+        memory.update(auto=automatic, sp=sp, pv=pv, acted=acted)
+        space["block"](memory)
+        return memory["u"]
+
+    return step
+
+
+def _read(value: str) -> str:
+    return re.sub(r"(?<![\d.])\b(?!not\b)([a-z_]\w*)", r"m['\1']", value)
+
+
+def compiled(folder: Path, controllers: Sequence[Any]) -> list[Any]:
+    """Return each controller as a C function, with memory of its own before its other arguments."""
+    if COMPILER is None:
+        pytest.skip("no C compiler")
+    wrapped = []
+    for i, controller in enumerate(controllers):
+        (folder / f"f{i}.h").write_text(as_code(controller, "c", NAMED, name=f"f{i}"))
+        how = "double g{0}(f{0}_state *m, int a, double r, double y, double u) "
+        how += "{{ return f{0}(m, a, r, y, u); }}"
+        if not isinstance(controller, PID):
+            more, names = ("", "") if len(_vectors(controller)) < 3 else (", const double *b", ", b")
+            how = f"void g{{0}}(f{{0}}_state *m, const double *r, const double *a{more}, double *u) "
+            how += f"{{{{ f{{0}}(m, r, a{names}, u); }}}}"
+        prototype = how.partition(" {{")[0] + ";"
+        wrapped += [f'#include "f{i}.h"', prototype.format(i), how.format(i)]
+    (folder / "all.c").write_text("\n".join([*wrapped, ""]))
+    strict = ["-std=c99", "-Wall", "-Wextra", "-Wshadow", "-Wconversion", "-Werror", "-pedantic"]
+    command = [
+        str(COMPILER),
+        *strict,
+        "-ffp-contract=off",
+        "-O1",
+        "-shared",
+        "-fPIC",
+        "all.c",
+        "-o",
+        "all.so",
+    ]
+    subprocess.run(command, check=True, cwd=folder)
+    library = ctypes.CDLL(str(folder / "all.so"))
+    return [getattr(library, f"g{i}") for i in range(len(controllers))]
+
+
+def pid_step(function: Any) -> Step:
+    function.restype = ctypes.c_double
+    function.argtypes = [ctypes.c_void_p, ctypes.c_int, *[ctypes.c_double] * 3]
+    memory = ctypes.create_string_buffer(64)
+    return lambda *sample: float(function(memory, *sample))
+
+
+def in_python(pid: PID) -> Step:
+    """Return the PID itself; without a set point it hands the input through."""
+
+    def step(automatic: bool, sp: float, pv: float, acted: float) -> float:
+        none, r = np.zeros(0), np.array([sp if automatic else np.nan])
+        m = Measurement(t=0.0, x=none, u=np.array([acted]), y=np.array([pv]), d=none, y_ref=r)
+        return float(pid.move(m).u[0])
+
+    return step
+
+
+def closed_loop(step: Step, seed: int, samples: int = 120) -> list[float]:
+    """Return the inputs of a loop of a lag: noise, steps, hand operation and a slow, narrow actuator."""
+    rng = np.random.default_rng(seed)
+    gain, lag, y, u, sp, moves = rng.uniform(0.2, 3), rng.uniform(2, 40), 0.0, 5.0, 0.0, []
+    manual = set(rng.integers(20, samples, 2).tolist())
+    for k in range(samples):
+        sp = rng.normal(0, 5) if rng.random() < 0.05 else sp
+        automatic = not any(0 <= k - start < 8 for start in manual)
+        asked = step(automatic, sp, y, u)
+        moves.append(asked)
+        u = min(max(asked, u - 2.0), u + 2.0)
+        y += (gain * u - y) / lag + rng.normal(0, 0.02)
+    return moves
+
+
+def tuned(draw: Callable[[float, float], float], often: Callable[[float], bool]) -> PID:
+    """Return a random PID; some lack a part, a limit, or both signs of K_p."""
+    low = -np.inf if often(0.2) else draw(-50, 0)
+    return PID(
+        draw(0.05, 5) * (-1 if often(0.5) else 1),
+        np.inf if often(0.2) else draw(0.5, 100),
+        0.0 if often(0.2) else draw(0, 10),
+        T_s=draw(0.05, 5),
+        N=draw(2, 20),
+        b=draw(0, 1),
+        c=float(often(0.3)),
+        T_t=draw(1e-3, 50) if often(0.3) else None,
+        low=low,
+        high=np.inf if often(0.2) else max(low, -50.0) + draw(1, 100),
+    )
+
+
+def random_pid(seed: int) -> PID:
+    rng = np.random.default_rng(seed)
+    return tuned(lambda low, high: float(rng.uniform(low, high)), lambda share: bool(rng.random() < share))
+
+
+@settings(max_examples=100)
+@drawn(seed=st.integers(0, 2**31))
+def test_structured_text_moves_as_the_pid_does(seed: int) -> None:
+    pid = random_pid(seed)
+    expected = closed_loop(in_python(pid), seed)
+    found = closed_loop(as_python(as_code(pid, "st", NAMED)), seed)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+
+
+def test_c_moves_as_the_pid_does(tmp_path: Path) -> None:
+    pids = [random_pid(seed) for seed in range(100)]
+    for seed, function in enumerate(compiled(tmp_path, pids)):
+        expected = closed_loop(in_python(pids[seed]), seed)
+        found = closed_loop(pid_step(function), seed)
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+
+
+# --- What control systems accept as structured text.
+
+KEYWORDS = """
+    function_block end_function_block var_input var_output var end_var constant bool lreal true false if not
+    then else end_if return
+"""
+LIBRARY = """
+    sr rs sema r_trig f_trig ctu ctd ctud tp ton tof rtc integral derivative pid hysteresis ramp abs sqrt ln
+    log exp sin cos tan limit max min sel mux add sub mul div gt ge eq le lt ne move
+"""
+"""Standard functions and blocks of IEC 61131-3 and its Annex F: no variable may be called like one."""
+
+
+def test_structured_text_has_declared_words_only_and_none_of_the_standard_library() -> None:
+    text = as_code(PID(2.0, 20.0, 2.0, T_s=1.0, low=0.0), "st", NAMED, name="Heater")
+    plain = re.sub(r"\(\*.*?\*\)", "", text.lower(), flags=re.DOTALL)
+    declared = set(re.findall(r"^  (\w+) :", plain, re.MULTILINE)) | {"heater"}
+    used = set(re.findall(r"(?<![\w.])[a-z_]\w*", plain)) - set(KEYWORDS.split())
+    assert used == declared  # and none is declared for nothing
+    assert not used & set(LIBRARY.split())
+    assert text.isascii()
+
+
+def test_comments_say_what_to_connect_and_which_way_it_acts() -> None:
+    text = as_code(PID(-2.0, 20.0, T_s=0.5, low=0.0, high=100.0), "st", NAMED, about="heater, experiment 3")
+    assert text.startswith("(* heater, experiment 3\n")
+    for words in (
+        "measured output T [degC]",
+        "input of the plant valve [%]",
+        "sampling time of 0.5 s",
+        "direct",
+    ):
+        assert words in text
+    assert "reverse action" in as_code(PID(2.0, T_s=0.5), "c", NAMED)
+
+
+@pytest.mark.parametrize("language", ["st", "c"])
+def test_no_name_ends_a_comment_early(language: str) -> None:
+    odd = replace(NAMED, y=(Channel("a*) b*/ (* /*\nc 温度/", "m·K*"),), u=(Channel("Öffnung", "°"),))
+    text = as_code(PID(1.0, T_s=1.0), language, odd, about="x */ y *)\nz")
+    opened, closed = ("(*", "*)") if language == "st" else ("/*", "*/")
+    plain = as_code(PID(1.0, T_s=1.0), language, NAMED, about="x")
+    assert text.count(opened) == text.count(closed) == plain.count(opened)
+    assert text.isascii()
+    assert "Offnung [deg]" in text
+    assert "c __/ [m.K.]" in text  # two question marks and a slash would be a trigraph of C
+
+
+def test_each_of_several_pids_has_a_block_of_its_own() -> None:
+    pids = Decentralized([PID(1.0, T_s=1.0), PID(2.0, T_s=1.0, output=1, input=1)])
+    two = replace(NAMED, u=(Channel("u1"), Channel("u2", "V")), y=(Channel("y1"), Channel("y2", "m")))
+    text = as_code(pids, "st", two, name="loop")
+    assert re.findall(r"FUNCTION_BLOCK (\w+)", text) == ["loop_1", "loop_2"]
+    assert "measured output y2 [m]" in text
+
+
+# --- LQR and LQG.
+
+
+def random_lqr(rng: np.random.Generator, *, integral: bool, filtered: bool) -> LQR | LQG:
+    """Return a regulator of a random plant with two states, inputs and outputs, around a state of rest."""
+    A = rng.normal(0, 0.5, (2, 2)) - 0.5 * np.eye(2)
+    D = np.zeros((2, 2)) if integral else rng.normal(0, 0.2, (2, 2))
+    low = np.array([-1.5, -np.inf])
+    m = Linearized(
+        A, rng.normal(0, 1, (2, 2)), rng.normal(0, 1, (2, 2)), D, *rng.normal(0, 1, (3, 2)), low, low + 4
+    )
+    m = replace(m, low=m.u0 + low, high=m.u0 + np.array([2.0, 1.0]))
+    more = {"integral": [1, 0], "Q_i": rng.uniform(0.1, 2, 2)} if integral else {}
+    lqr = LQR(m, rng.uniform(0.1, 3, 2), rng.uniform(0.1, 3, 2), T_s=float(rng.uniform(0.02, 0.5)), **more)
+    return LQG(lqr, noise=[0.1, 0.2], process=[0.3, 0.1]) if filtered else lqr
+
+
+def _vectors(controller: LQR | LQG) -> list[str]:
+    """Return what the C function takes before the inputs: references, then what was measured."""
+    if isinstance(controller, LQG):
+        return ["y_ref", "y", "u"]
+    return ["y_ref", "y", "x"] if controller.integral else ["y_ref", "x"]
+
+
+def regulated(controller: LQR | LQG, seed: int, function: Any = None, samples: int = 150) -> np.ndarray:
+    """Return the inputs of a loop around the model, with noise, steps and a gain that is not the model's."""
+    rng, lqr = np.random.default_rng(seed), controller.lqr if isinstance(controller, LQG) else controller
+    m, T_s, u, dx, moves = lqr.model, lqr.T_s, lqr.model.u0, np.zeros(2), []
+    r, memory = m.y0, ctypes.create_string_buffer(256)
+    for k in range(samples):
+        r = m.y0 + rng.normal(0, 2, 2) if rng.random() < 0.05 else r
+        y = m.y0 + m.C @ dx + m.D @ (u - m.u0) + rng.normal(0, 0.02, 2)
+        y_ref = np.where([False, lqr.integral != () and k % 50 > 40], np.nan, r)
+        measured = Measurement(t=k * T_s, x=m.x0 + dx, u=u, y=y, d=np.zeros(0), y_ref=y_ref)
+        u = (
+            controller.move(measured).u
+            if function is None
+            else _called(function, controller, measured, memory)
+        )
+        moves.append(u)
+        dx = dx + T_s * (m.A @ dx + 1.1 * m.B @ (u - m.u0))
+    return np.array(moves)
+
+
+def _called(function: Any, controller: LQR | LQG, measured: Measurement, memory: Any) -> np.ndarray:
+    u = np.zeros(2)
+    vectors = [np.ascontiguousarray(getattr(measured, name), dtype=float) for name in _vectors(controller)]
+    function(memory, *(ctypes.c_void_p(each.ctypes.data) for each in (*vectors, u)))
+    return u
+
+
+@pytest.mark.parametrize("integral", [True, False])
+@pytest.mark.parametrize("filtered", [True, False])
+def test_c_moves_as_lqr_and_lqg_do(tmp_path: Path, integral: bool, filtered: bool) -> None:
+    rng = np.random.default_rng([integral, filtered])
+    regulators = [random_lqr(rng, integral=integral, filtered=filtered) for _ in range(12)]
+    at_a_limit = 0
+    for seed, (each, function) in enumerate(zip(regulators, compiled(tmp_path, regulators), strict=True)):
+        found = regulated(each, seed, function)
+        expected = regulated(each, seed)
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+        lqr = each.lqr if isinstance(each, LQG) else each
+        at_a_limit += int(((expected == lqr.model.low) | (expected == lqr.model.high)).sum())
+    assert at_a_limit > 100
+
+
+# --- What cannot be written.
+
+
+@pytest.mark.parametrize("name", ["", "1st", "a b", "double", "Real", "END_VAR", "a__b", "a_", "x;y", "PID"])
+@pytest.mark.parametrize("language", ["st", "c"])
+def test_a_name_that_is_none_is_refused(name: str, language: str) -> None:
+    with pytest.raises(SettingsError, match="name of a controller's code"):
+        as_code(PID(1.0, T_s=1.0), language, NAMED, name=name)
+
+
+def test_what_has_no_such_form_says_why() -> None:
+    class Other:
+        T_s = 1.0
+
+        def move(self, measurement: Measurement) -> Any: ...
+
+    lqr = LQR(Plant.of(([1.0], [1, 1])), [1.0], [1.0], T_s=0.1)
+    with pytest.raises(SettingsError, match=r"\['c', 'st'\], got 'ld'"):
+        as_code(lqr, "ld", NAMED)
+    with pytest.raises(SettingsError, match="in C only"):
+        as_code(lqr, "st", NAMED)
+    with pytest.raises(SettingsError, match=r"type Other cannot be written as code.*MPC"):
+        as_code(Other(), "c", NAMED)
+
+
+# --- The numbers, by form.
+
+UNITS = {"K_p": "%/°C", "T_i": "s"}
+GIVEN = {"controller": "PID", "K_p": 2.0, "T_i": 8.0, "T_d": 3.0, "N": 10.0, "b": 0.5, "c": 0.0, "T_s": 0.1}
+
+
+def forms(
+    given: dict[str, Any], units: dict[str, str] = UNITS, time: str = "s", **more: Any
+) -> dict[str, Any]:
+    return {p.name: p for p in pid_forms(given, units, time, **more)}
+
+
+def response(form: str, found: dict[str, Any], s: complex) -> complex:
+    """Return the transfer function from the error to the input, of the numbers of one form."""
+    n = {name.partition(" ")[0]: p.value for name, p in found.items()}
+    low_pass = 1 + n["T_f"] * s
+    if form == PARALLEL:
+        return n["K_p"] + n["K_i"] / s + n["K_d"] * s / low_pass
+    if form == SERIES:
+        return n["K_p′"] * (1 + 1 / n["T_i′"] / s) * (1 + n["T_d′"] * s) / low_pass
+    return n["K_p"] * (1 + 1 / n["T_i"] / s + n["T_d"] * s / low_pass)
+
+
+@pytest.mark.parametrize(
+    "change", [{}, {"T_d": 0.0}, {"T_i": None}, {"T_i": None, "T_d": 0.0}, {"T_i": 1e200}]
+)
+def test_all_forms_are_the_same_controller_with_its_filter(change: dict[str, Any]) -> None:
+    found = forms(GIVEN | {"K_p": -1.2, "T_i": 50.0, "T_d": 9.0} | change)
+    for omega in (1e-3, 0.1, 5.0, 1e3):
+        values = [response(form, found, 1j * omega) for form in (ISA, PARALLEL, SERIES)]
+        np.testing.assert_allclose(values, values[0], rtol=1e-12)
+
+
+def test_the_series_form_needs_an_integral_time_of_about_four_derivative_times() -> None:
+    fits, not_ = (forms(GIVEN | {"T_i": 40.0, "T_d": T_d}) for T_d in (9.5, 9.6))
+    assert fits["T_d′"].value > 0
+    assert not_["T_d′"].value != not_["T_d′"].value  # NaN
+    assert "quarter" in not_["K_p′"].derived
+
+
+def test_the_parallel_form_follows_from_the_isa_form() -> None:
+    found = forms(GIVEN)
+    assert {n: (found[n].value, found[n].unit, found[n].form) for n in ("K_p", "T_i", "T_d")} == {
+        "K_p": (2.0, "%/°C", BOTH),
+        "T_i": (8.0, "s", ISA),
+        "T_d": (3.0, "s", ISA),
+    }
+    assert (found["K_i"].value, found["K_i"].unit) == (0.25, "%/°C/s")  # 2/8
+    assert (found["K_d"].value, found["K_d"].unit) == (6.0, "%/°C s")  # 2 * 3
+    assert found["K_d"].form == PARALLEL
+    T_f = found["T_f (filter of the derivative)"]
+    assert (T_f.value, T_f.form) == (pytest.approx(0.3), ALL)  # 3/10
+
+
+def test_no_integral_action_is_an_infinite_time_and_a_gain_of_0() -> None:
+    found = forms(GIVEN | {"T_i": None})
+    assert found["T_i"].value == float("inf")
+    assert found["K_i"].value == found["1/T_i (repeats per minute)"].value == 0.0
+    assert not any(name.startswith("T_t") for name in found), "there is nothing to wind up"
+
+
+@pytest.mark.parametrize(
+    ("T_d", "stated", "value", "rule"),
+    [(3.0, None, 24**0.5, "√(T_i T_d)"), (0.1, None, 8.0, "T_i"), (3.0, 5.0, 5.0, "")],
+)
+def test_the_anti_windup_has_the_tracking_time_of_the_pid_that_runs(
+    T_d: float, stated: float | None, value: float, rule: str
+) -> None:
+    told = forms(GIVEN | {"T_d": T_d, "T_t": stated})["T_t (tracking time of the anti-windup)"]
+    assert (told.value, told.unit, told.derived) == (pytest.approx(value), "s", rule)
+    minutes = forms(GIVEN | {"T_d": T_d, "T_t": stated}, shown="min")
+    assert minutes["T_t (tracking time of the anti-windup)"].value == pytest.approx(value / 60)
+
+    def second(applied: float) -> float:  # the move after one of which this was applied
+        runs = PID(2.0, 8.0, T_d, T_s=0.1, b=0.5, T_t=stated)
+        for u in (0.0, applied):
+            seen = Measurement(0.0, np.zeros(1), np.array([u]), np.zeros(0), np.ones(1), np.zeros(1))
+            made = float(runs.move(seen).u[0])
+        return made
+
+    assert second(1.0) - second(0.0) == pytest.approx(0.1 / value)
+
+
+def test_a_gain_without_a_unit_has_parameters_per_time() -> None:
+    found = forms(GIVEN, {})
+    assert (found["K_i"].unit, found["K_d"].unit) == ("1/s", "s")
+
+
+def test_times_may_be_shown_in_minutes() -> None:
+    found = forms(GIVEN | {"T_i": 120.0}, shown="min")
+    # 120 s are 2 min: half a repeat per minute, and a gain of 2 %/°C in 2 min.
+    assert (found["T_i"].value, found["T_i"].unit) == (2.0, "min")
+    assert (found["K_i"].value, found["K_i"].unit) == (1.0, "%/°C/min")
+    for time, T_i in (("s", 120.0), ("min", 2.0), ("h", 1 / 30)):
+        repeats = forms(GIVEN | {"T_i": T_i}, time=time)["1/T_i (repeats per minute)"]
+        assert (repeats.value, repeats.unit) == (pytest.approx(0.5), "1/min")
+
+
+def test_percent_of_ranges_and_proportional_band() -> None:
+    # 4 %/K over 50 K and 100 %: 2 % a %, a band of 50 %, whichever way it acts.
+    for sign in (1, -1):
+        found = forms(GIVEN | {"K_p": sign * 4.0}, spans=(50.0, 100.0))
+        assert (found["K"].value, found["K"].unit, found["K"].form) == (sign * 2.0, "%/%", PERCENT)
+        assert (found["PB (proportional band)"].value, found["PB (proportional band)"].unit) == (50.0, "%")
+    assert "K" not in forms(GIVEN)
+
+
+def test_several_pids_are_numbered_and_other_controllers_have_no_forms() -> None:
+    two = {"controller": "Decentralized", "pids": [GIVEN, GIVEN | {"K_p": 4.0}]}
+    found = forms(two, {"K_p_1": "V", "K_p_2": "A"})
+    assert (found["K_p_1"].unit, found["K_p_2"].unit) == ("V", "A")
+    assert found["K_i_2"].value == 0.5  # 4/8
+    assert forms({"controller": "LQR"}) == forms({}) == {}
+
+
+@pytest.mark.parametrize("spans", [(0.0, 1.0), (1.0, -1.0), (np.inf, 1.0), (1.0, np.nan)])
+def test_a_range_that_is_none_is_refused(spans: tuple[float, float]) -> None:
+    with pytest.raises(SettingsError, match="ranges of output and input"):
+        forms(GIVEN, spans=spans)
+
+
+@pytest.mark.parametrize(("time", "shown"), [("s", "bar"), ("", "min")])
+def test_a_unit_that_is_no_time_is_refused(time: str, shown: str) -> None:
+    with pytest.raises(SettingsError, match="cannot be shown in"):
+        forms(GIVEN, time=time, shown=shown)
