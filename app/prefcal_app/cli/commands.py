@@ -9,7 +9,16 @@ from typing import Annotated, Any
 
 from typer import Argument, Context, Exit, Option, Typer, echo
 
-from .options import CHOOSING, CheckOptions, ChooseOptions, LookOptions, Options, ReportOptions, VerifyOptions
+from .options import (
+    CHOOSING,
+    CheckOptions,
+    ChooseOptions,
+    IdentifyOptions,
+    LookOptions,
+    Options,
+    ReportOptions,
+    VerifyOptions,
+)
 from .parameters import examples, examples_of_worlds, parameters_of, takes
 from .starters.new import EPILOG as NEW_EPILOG
 from .starters.new import new
@@ -72,6 +81,7 @@ def _common(
             "calibrate pid --plant model.py:plant",
             "A PID on your own plant; knobs, set point and duration are found.",
         ),
+        ("calibrate pid --plant step.csv", "A PID on the plant that a record of a step test tells."),
         ("calibrate tank.toml", "A scenario in a short file (`prefcal new` writes one)."),
         ("calibrate cstr --host 0.0.0.0 --no-browser", "Answer from another machine, by a link."),
     )
@@ -124,6 +134,33 @@ def choose(typed: dict[str, Any]) -> None:
 
 
 app.command(no_args_is_help=True, epilog=NEW_EPILOG)(new)
+
+
+@app.command(
+    no_args_is_help=True,
+    epilog=examples(
+        ("identify step.csv", "Columns are guessed: time, what was stepped, what responded."),
+        (
+            "identify step.csv --input valve --output level --limits 0:100",
+            "The valve moved the level, and may reach 0 to 100 in its unit.",
+        ),
+        more="""\
+The plant must be at rest at the start, then the input steps, once or several times, and nothing
+else changes. The first column called time is the time; headings may have units, as in "level \\[m]".
+""",
+    ),
+)
+@takes(IdentifyOptions)
+def identify(typed: dict[str, Any]) -> None:
+    """Find the plant that a record of a step test tells, and what the record leaves open.
+
+    Prints its numbers with 90 % intervals, draws the model over the record, and keeps the plant in
+    a file beside the record, which `calibrate pid --plant` takes. `verify` and `--robust` vary the
+    plant as far as the record leaves it open.
+    """
+    from .identify import run
+
+    raise Exit(run(IdentifyOptions(**typed)))
 
 
 @app.command(

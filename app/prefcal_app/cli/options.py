@@ -383,6 +383,33 @@ class LookOptions:
 
 
 @dataclass(frozen=True, slots=True)
+class IdentifyOptions:
+    """Options of `prefcal identify`, in the order of its help.
+
+    Args:
+        record: CSV, Parquet or Excel file of a step test.
+        input: Column of what was stepped.
+        output: Column of what responded.
+        time: Column of time.
+        time_format: Format of time stamps.
+        unit: Unit of a column without one.
+        limits: What the input may reach.
+        resolution: Smallest move of the actuator, in the unit of the input.
+        out: Picture of record and model.
+    """
+
+    record: Annotated[str, Argument(metavar="RECORD")]
+    input: Annotated[str, Option(metavar="NAME", show_default="the one that steps")] = ""
+    output: Annotated[str, Option(metavar="NAME", show_default="the other one")] = ""
+    time: Annotated[str | None, Option(metavar="NAME", show_default="the one called time")] = None
+    time_format: Annotated[str | None, Option(metavar="FORMAT", show_default="ISO 8601")] = None
+    unit: Annotated[tuple[str, ...], Option(metavar="NAME=UNIT")] = ()
+    limits: Annotated[str, Option(metavar="LOW:HIGH", show_default="0:100 if in %")] = ""
+    resolution: Annotated[float, Option(metavar="NUMBER", min=0.0)] = 0.0
+    out: Annotated[Path | None, Option(metavar="FILE.png", show_default="beside the record")] = None
+
+
+@dataclass(frozen=True, slots=True)
 class VerifyOptions:
     """Options of `prefcal verify`, in the order of its help.
 
