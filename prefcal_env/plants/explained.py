@@ -125,7 +125,7 @@ class Family:
         low, high = np.log(np.array(rows).reshape(-1, 2)).T
         return np.append(low, 0.0), np.append(high, latest)
 
-    def den(self, shape: Shape) -> Float[np.ndarray, " m"]:
+    def den(self, shape: Shape) -> Float[np.ndarray, " order"]:
         """Return the denominator."""
         T = float(np.exp(shape[0])) if self.lags else 0.0
         den = np.array([1.0])
@@ -159,7 +159,8 @@ FAMILIES = (
 _DRIFT = 0.1  # usual drift over the record, as a share of the output's range; as probable as none
 COUNTS = 0.7  # how much of a row counts, since no plant is quite like a model: else too little stays open
 FLOOR = 0.002  # error of any model, as a share of the output's range: no plant is quite linear
-_WIDE = 10.0  # usual size of a gain, an offset or a zero, in the units of the record
+_GAIN, _ZERO, _OFFSET = 3.0, 1.0, 10.0
+"""Usual sizes in the units of the record; of a zero relative to the time constant."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,7 +206,7 @@ class Scaled:
         n, M, v = COUNTS * len(y), COUNTS * X @ X.T, COUNTS * X @ y
         floor = n * FLOOR**2 * (1 - self.lasting) ** 2
         yy = COUNTS * float(y @ y) + floor
-        sizes = np.array([_WIDE] * (len(X) - 1) + [_DRIFT])
+        sizes = np.array([*[_GAIN, _ZERO][: family.terms], _OFFSET, _DRIFT])
         wide = self.variance / sizes**2
         made = []
         for k in (len(X) - 1, len(X)):

@@ -264,28 +264,34 @@ def _check_told(models: Sequence[Model], after: float) -> None:
 def _check_load(record: Scaled, best: Weighed, t: Float[np.ndarray, " K"]) -> None:
     """Refuse a record in which something else moved the output, while the input did not.
 
-    What is left is compared with steps of a load that acts through the plant's lags.
+    What is left is compared with steps of a load that acts through the plant's lags, or a short one.
     """
-    n, family, shape = len(record.y), best.family, best.mode
-    found = record.explained(family, shape)[1]
-    moved = np.flatnonzero(np.diff(record.u)) + 1
-    lags = family.den(shape)
+    n, moved = len(record.y), np.flatnonzero(np.diff(record.u)) + 1
+    rows, found = record.rows(best.family, best.mode), [(0.0, 0)]
+    before = _left(record, rows)[0]
     for start in np.linspace(0.02 * n, 0.95 * n, 60).astype(int).tolist():
         if np.any(np.abs(moved - start) < 0.04 * n):
             continue
-        load = np.zeros(n)
-        load[start:] = 1.0
-        acted = unit_responses(lags, 0.0, record.h, load, 1)
-        X = record.white(np.vstack([record.rows(family, shape), acted]))
-        own, *_ = np.linalg.lstsq(X.T, record.white(record.y), rcond=1e-10)
-        left = record.white(record.y) - own @ X
-        floor = n * FLOOR**2 * (1 - record.lasting) ** 2
-        better = 0.5 * n * np.log(found.rest / COUNTS / (float(left @ left) + floor))
-        if better > _SURE and np.ptp(own[-1] * acted) > _LOAD:
-            raise RecordError(
-                f"something else than the input moved the output from about {t[start]:.4g} on: cut the "
-                "record before that, or repeat it while nothing else changes"
-            )
+        load = (np.arange(n) >= start).astype(float)
+        for lags in (best.family.den(best.mode), np.array([0.03, 1.0])):
+            acted = unit_responses(lags, 0.0, record.h, load, 1)
+            left, size = _left(record, np.vstack([rows, acted]))
+            if abs(size) * np.ptp(acted) > _LOAD:
+                found.append((0.5 * n * np.log(before / left), start))
+    better, start = max(found)
+    if better > _SURE:
+        raise RecordError(
+            f"something else than the input moved the output from about {t[start]:.4g} on: cut the record "
+            "before that, or repeat it while nothing else changes"
+        )
+
+
+def _left(record: Scaled, rows: Float[np.ndarray, "k K"]) -> tuple[float, float]:
+    """Return the sum of squares that rows leave of a record, and the coefficient of the last one."""
+    X, y = record.white(rows), record.white(record.y)
+    own, *_ = np.linalg.lstsq(X.T, y, rcond=1e-10)
+    left = y - own @ X
+    return float(left @ left) + len(y) * FLOOR**2 * (1 - record.lasting) ** 2, float(own[-1])
 
 
 def _notes(u: Float[np.ndarray, " K"]) -> Sequence[str]:
