@@ -47,8 +47,8 @@ def _checked(t: ArrayLike, u: ArrayLike, y: ArrayLike) -> tuple[np.ndarray, np.n
     back = np.flatnonzero(np.diff(at) <= 0)
     if len(back):
         raise RecordError(f"time must increase, but does not after row {back[0] + 1}: sort the rows")
-    _check_input(u_)
     at, u_, y_ = _equally_spaced(at, u_, y_)
+    _check_input(u_)
     _check_saturation(at, u_, y_)
     return at, u_, y_
 
@@ -74,7 +74,7 @@ def _equally_spaced(
     """Return the record at equally spaced times: inputs are held, outputs interpolated or averaged."""
     steps = np.diff(t)
     if np.abs(steps - steps.mean()).max() > 0.01 * steps.mean():
-        count = min(round(float((t[-1] - t[0]) / np.median(steps))) + 1, 20 * len(t))
+        count = round(min(float((t[-1] - t[0]) / np.median(steps)), 20.0 * len(t))) + 1
         at = np.linspace(t[0], t[-1], count)
         u, y = u[np.searchsorted(t, at + 1e-9 * (at[1] - at[0]), side="right") - 1], np.interp(at, t, y)
         t = at
@@ -93,7 +93,7 @@ def _check_saturation(
     size, first = float(np.ptp(y)), int(np.argmax(u != u[0]))
     near = max(3, len(y) // 50)
     for end, word in ((y.max(), "highest"), (y.min(), "lowest")):
-        there = np.concatenate([[False], y == end, [False]]).astype(int)
+        there = np.concatenate([[False], np.abs(y - end) <= 1e-9 * size, [False]]).astype(int)
         starts, ends = np.flatnonzero(np.diff(there) == 1), np.flatnonzero(np.diff(there) == -1)
         for start, stop in zip(starts.tolist(), ends.tolist(), strict=True):
             long = stop - start >= max(_AFTER, _FLAT * len(y))
@@ -158,7 +158,8 @@ def identify(
         RecordError: If the record does not tell enough; the message says why and what to do.
     """
     t, u, y = _checked(t, u, y)
-    rng, n, units = np.random.default_rng(seed), len(t), (t[-1] - t[0], float(np.ptp(u)), float(np.ptp(y)))
+    rng, n = np.random.default_rng(seed), len(t)
+    units = float(t[-1] - t[0]), float(np.ptp(u)), float(np.ptp(y))
     if not units[2]:
         raise RecordError(f"the output is {y[0]:g} throughout: does another column hold it?")
     first = int(np.argmax(u != u[0])) / (n - 1)

@@ -26,9 +26,7 @@ ENDING = ".plant.json"
 
 # --- Read a record: its input, its output and its time, guessed where that is obvious.
 
-_INPUT = re.compile(
-    r"(u|in|input|mv|op|out|co|cv|valve|pump|heater|heating|cooling|power|drive|speed)\b.*", re.IGNORECASE
-)
+_INPUT = re.compile(r"(u|in|input|mv|op|out|co|cv|valve|pump|heater)\b.*", re.IGNORECASE)
 _HELD = 0.2  # share of the rows in which an input that was stepped by hand changes, at most
 
 
@@ -82,16 +80,17 @@ def _named(name: str, curves: Mapping[str, Any], what: str) -> str:
 
 
 def _guessed(curves: Mapping[str, Float[np.ndarray, " K"]], output: str) -> str:
-    """Return the name of the input: called like one, or else the only one that moves in steps."""
+    """Return the name of the input: the only one that is called like one or moves in steps."""
     there = [name for name in curves if name != output]
+    moves = {name: float(np.mean(np.diff(curves[name]) != 0)) for name in there}
     called = [name for name in there if _INPUT.fullmatch(name)]
-    held = [
-        name for name in there if 0 < np.count_nonzero(np.diff(curves[name])) <= _HELD * len(curves[name])
-    ]
-    for found in (called, held, [] if not output else there):
-        if len(found) == 1:
-            return found[0]
-    raise RecordError(f"which column is the input? Name it with --input: one of {_list(there)}")
+    held = [name for name, share in moves.items() if 0 < share <= _HELD]
+    found = {each[0] for each in (called, held) if len(each) == 1}
+    if not found and output and len(there) == 1:
+        return there[0]
+    if len(found) != 1:
+        raise RecordError(f"which column is the input? Name it with --input: one of {_list(there)}")
+    return found.pop()
 
 
 def _list(names: Any) -> str:

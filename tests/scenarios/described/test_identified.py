@@ -140,6 +140,7 @@ def test_columns_are_guessed_or_named(tmp_path, headings, columns, more, names):
         (("time", "a", "b", "c"), (T, U, response(), response(2)), {}, "output.* --output: one of b, c"),
         (("time", "a", "b"), (T, U, response()), {"given": "c"}, "no column of numbers is called 'c'"),
         (("time", "a"), (T, U), {}, "--output: one of none"),
+        (("time", "valve", "b"), (T, response(), U), {}, "input.* --input: one of valve, b"),
     ],
 )
 def test_what_is_not_obvious_is_asked_for(tmp_path, headings, columns, more, said):
