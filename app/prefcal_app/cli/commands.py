@@ -145,8 +145,9 @@ app.command(no_args_is_help=True, epilog=NEW_EPILOG)(new)
             "The valve moved the level, and may reach 0 to 100 in its unit.",
         ),
         more="""\
-The plant must be at rest at the start, then the input steps, once or several times, and nothing
-else changes. The first column called time is the time; headings may have units, as in "level \\[m]".
+The plant must be at rest at the start, then the input steps, once or several
+times, and nothing else changes. The column called time is the time; headings
+may have units, as in "level \\[m]".
 """,
     ),
 )
@@ -154,9 +155,9 @@ else changes. The first column called time is the time; headings may have units,
 def identify(typed: dict[str, Any]) -> None:
     """Find the plant that a record of a step test tells, and what the record leaves open.
 
-    Prints its numbers with 90 % intervals, draws the model over the record, and keeps the plant in
-    a file beside the record, which `calibrate pid --plant` takes. `verify` and `--robust` vary the
-    plant as far as the record leaves it open.
+    Prints its numbers with 90 % intervals, draws the model over the record, and
+    keeps the plant in a file beside it, for `calibrate pid --plant`. `verify` and
+    `--robust` vary the plant as far as the record leaves it open.
     """
     from .identify import run
 

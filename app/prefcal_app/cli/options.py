@@ -50,7 +50,7 @@ class Described:
         show: Curves to show, for example level,valve{units}.
         reference: Desired value of an output, for example level=2. Repeat the option for more.
         plant: Plant of a standard controller: a prefcal plant, a system of {systems}scipy,
-            or (A, B, C, D).
+            (A, B, C, D), or the record of a step test (see `prefcal identify`).
         stop_time: Duration of an experiment, in the model's unit of time.
         config: Configuration of the scenario, for example the road and traffic of overtake.
         run_timeout: Time limit for one run of your own scenario; a longer run is ended and counts
