@@ -16,7 +16,17 @@ from prefcal_env.sources.varied import LEAST, NOT_NEGATIVE, SIZE, Factor, LeftOu
 
 from .plant_env import tracked_of
 from .task import Signal, StepSignal, Task
-from .varied_plant import AT_ZERO, DELAY, at_rest, factors_of, latest, rest, varied_plant, waits_inside
+from .varied_plant import (
+    AT_ZERO,
+    DELAY,
+    at_rest,
+    factors_of,
+    latest,
+    rest,
+    sample_of,
+    varied_plant,
+    waits_inside,
+)
 
 _WEAR = (-0.5, 1.0)  # relative change of noise
 _NOISE, _GRAIN, _BIAS, _PLAY, _OFFSET = 0.002, 0.005, 0.01, 0.005, 0.5
@@ -89,6 +99,8 @@ class VariedLoop:
     def varied(self, *said: LeftOut) -> Varied:
         """Return what varies; `said` is what does not, beside what follows from plant and task."""
         late, waits = latest(self.plant, self.task.measurement_delay) > 0, waits_inside(self.plant)
+        # As far as its record leaves it open, dead time varies with an identified plant.
+        late = late or sample_of(self.plant) is not None
         near = "the plant cannot rest there within its limits, or one is near"
         missing: dict[LeftOut, bool] = {
             (DELAY, "none is stated; more would act like the lag: see the delay margin"): late or waits,

@@ -11,7 +11,7 @@ from prefcal_env.errors import PlantError
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.plants.jacobians import D, Jacobians, States, Times, U, X, Y
 from prefcal_env.plants.plant import Disturbed, Plant
-from prefcal_env.plants.systems import DEAD_TIMES, LinearPlant, scale_times
+from prefcal_env.plants.systems import DEAD_TIMES, LinearPlant, Sample, scale_times
 from prefcal_env.sources.varied import CHANGE, LEAST, NARROWER, NOT_NEGATIVE, SIZE, Factor, Values
 
 from .plant_env import dead_times
@@ -90,9 +90,33 @@ def factors_of(plant: Plant, measuring: float | Sequence[float] = 0.0) -> Iterat
     constant of each state and the gain of each input, of other equations all time constants together.
     So are those of states without names: a row of a transfer function's matrices is no parameter.
     Dead time of inputs, outputs, entries and sensors (`measuring`) varies together, by the same share:
-    the factor is the longest one from an input to an output.
+    the factor is the longest one from an input to an output. Of a plant that was identified, all this
+    varies as its record leaves it open: by the number of one of the plants that explain it.
     """
     own = plant.plant if isinstance(plant, Disturbed) else plant
+    if sample := sample_of(own):
+        count = len(sample.systems)
+        name, told, ends = _identified(sample), f"identified: {sample.told}", (1.0, float(count))
+        yield Factor(name, "parameter", sample.best + 1.0, *ends, f"of {count}", False, ends, 1.0, told=told)
+    else:
+        yield from _parameters(own, measuring)
+    for c in plant.inputs:
+        if np.isfinite(c.high - c.low):
+            yield Factor(_range(c), "actuator", 1.0, 1 - NARROWER, 1.0, possible=(LEAST, 1.0))
+
+
+def sample_of(plant: Plant) -> Sample | None:
+    """Return the plants of which an identified plant is one; None if it was not identified."""
+    own = plant.plant if isinstance(plant, Disturbed) else plant
+    return getattr(own, "sample", None)
+
+
+def _identified(sample: Sample) -> str:
+    return f"plant identified from {sample.record}"
+
+
+def _parameters(own: Plant, measuring: float | Sequence[float]) -> Iterator[Factor]:
+    """Yield the parameters of a plant and its dead time."""
     matrices, numbers = _matrices(own), dict(_numbers(own))
     if matrices is not None:
         for state, a, b in zip(own.states, *matrices, strict=False):
@@ -109,9 +133,6 @@ def factors_of(plant: Plant, measuring: float | Sequence[float] = 0.0) -> Iterat
         found = Factor.around(DELAY, "dead time", SIZE, late, own.time_unit, NOT_NEGATIVE)
         step = getattr(own, "sample_time", 0.0)  # between its samples, a discrete plant sees nothing
         yield found.stepped(step) if step else found
-    for c in plant.inputs:
-        if np.isfinite(c.high - c.low):
-            yield Factor(_range(c), "actuator", 1.0, 1 - NARROWER, 1.0, possible=(LEAST, 1.0))
 
 
 def _parameter(name: str, value: float = 1.0) -> Factor:
@@ -129,6 +150,8 @@ def varied_plant(plant: Plant, values: Values, later: float = 1.0) -> Disturbed:
 
 def _changed(plant: Plant, values: Values, later: float) -> Plant:
     """Return a plant with other parameters, time constants, gains and dead time."""
+    if isinstance(plant, LinearPlant) and (sample := sample_of(plant)):
+        return plant.another(int(values.get(_identified(sample), sample.best + 1.0)) - 1)
     gains = np.array([values.get(_gain(c), 1.0) for c in plant.inputs])
     rates = np.array([1 / values.get(_constant(c), 1.0) for c in plant.states])
     speed, named = 1 / values.get(SPEED, 1.0), plant

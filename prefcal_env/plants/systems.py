@@ -409,6 +409,16 @@ def scale_times(times: Any, factor: float, step: float = 0.0) -> Any:
     return step * round(factor * times / step) if step else factor * times
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Sample:
+    """Plants that explain a record about as well, of which one is that of a study."""
+
+    systems: tuple[tuple[LinearSystem, float], ...]  # each with its dead time, all with as many states
+    best: int  # number of the study's one
+    record: str  # name of the record
+    told: str  # what it leaves open, for people
+
+
 class LinearPlant:
     """A `Plant` made of a linear system, continuous or discrete, with any number of signals.
 
@@ -444,6 +454,9 @@ class LinearPlant:
     Raises:
         PlantError: If `system` is no such system or is improper, or an argument does not fit.
     """
+
+    sample: Sample | None = None
+    """What else the plant may be, if it was identified."""
 
     def __init__(
         self,
@@ -549,6 +562,21 @@ class LinearPlant:
             setattr(made, name, scale_times(getattr(self, name), later, self.sample_time))
         made._kept = {}
         made.__dict__.pop("_rates", None)
+        return made
+
+    def among(self, sample: Sample) -> "LinearPlant":
+        """Return the same plant as one of a sample."""
+        made = copy(self)
+        made.sample = sample
+        return made.another(sample.best)
+
+    def another(self, k: int) -> "LinearPlant":
+        """Return number `k` of the sample that this plant is one of."""
+        assert self.sample is not None
+        made, (made_of, late) = copy(self), self.sample.systems[k]
+        made.system, made.input_delay, made._kept = made_of, (late,), {}
+        for name in ("_rates", "_owned"):
+            made.__dict__.pop(name, None)
         return made
 
     def __getstate__(self) -> dict[str, Any]:

@@ -63,6 +63,7 @@ class Factor:
         possible: Smallest and largest value that there can be.
         step: Distance of its values; 0 for any.
         stated: Whether somebody stated its range, which is the usual one otherwise.
+        told: What its range follows from, if it is no usual one.
     """
 
     name: str
@@ -75,6 +76,7 @@ class Factor:
     possible: tuple[float, float] = ANY
     step: float = 0.0
     stated: bool = False
+    told: str = ""
 
     @property
     def robust(self) -> bool:

@@ -14,6 +14,7 @@ from .options import (
     CheckOptions,
     ChooseOptions,
     ExportOptions,
+    IdentifyOptions,
     LookOptions,
     Options,
     ReportOptions,
@@ -81,6 +82,7 @@ def _common(
             "calibrate pid --plant model.py:plant",
             "A PID on your own plant; knobs, set point and duration are found.",
         ),
+        ("calibrate pid --plant step.csv", "A PID on the plant that a record of a step test tells."),
         ("calibrate tank.toml", "A scenario in a short file (`prefcal new` writes one)."),
         ("calibrate cstr --host 0.0.0.0 --no-browser", "Answer from another machine, by a link."),
     )
@@ -133,6 +135,34 @@ def choose(typed: dict[str, Any]) -> None:
 
 
 app.command(no_args_is_help=True, epilog=NEW_EPILOG)(new)
+
+
+@app.command(
+    no_args_is_help=True,
+    epilog=examples(
+        ("identify step.csv", "Columns are guessed: time, what was stepped, what responded."),
+        (
+            "identify step.csv --input valve --output level --limits 0:100",
+            "The valve moved the level, and may reach 0 to 100 in its unit.",
+        ),
+        more="""\
+The plant must be at rest at the start, then the input steps, once or several
+times, and nothing else changes. The column called time is the time; headings
+may have units, as in "level \\[m]".
+""",
+    ),
+)
+@takes(IdentifyOptions)
+def identify(typed: dict[str, Any]) -> None:
+    """Find the plant that a record of a step test tells, and what the record leaves open.
+
+    Prints its numbers with 90 % intervals, draws the model over the record, and
+    keeps the plant in a file beside it, for `calibrate pid --plant`. `verify` and
+    `--robust` vary the plant as far as the record leaves it open.
+    """
+    from .identify import run
+
+    raise Exit(run(IdentifyOptions(**typed)))
 
 
 @app.command(

@@ -47,9 +47,9 @@ def look_at(options: LookOptions) -> int:
         time_format=options.time_format,
         outputs=tuple(listed([options.outputs])),
         inputs=tuple(listed([options.inputs])),
-        reference=_mapped("--reference", options.reference, "level=2"),
-        units=_mapped("--unit", options.unit, "level=m"),
-        columns=_mapped("--columns", options.columns, "level=TI-101.PV"),
+        reference=mapped("--reference", options.reference, "level=2"),
+        units=mapped("--unit", options.unit, "level=m"),
+        columns=mapped("--columns", options.columns, "level=TI-101.PV"),
     )
     runs = _named([_run(words, about) for words in options.runs])
     look = SideBySide.of(runs[0], runs[1], align=options.align or None)
@@ -70,7 +70,8 @@ def look_at(options: LookOptions) -> int:
     return 0
 
 
-def _mapped(option: str, given: Sequence[str], example: str) -> dict[str, str]:
+def mapped(option: str, given: Sequence[str], example: str) -> dict[str, str]:
+    """Return the texts by name in options such as "level=m"."""
     found = {}
     for text in given:
         name, equals, value = (part.strip() for part in text.partition("="))

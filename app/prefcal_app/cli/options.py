@@ -51,7 +51,7 @@ class Described:
         show: Curves to show, for example level,valve{units}.
         reference: Desired value of an output, for example level=2. Repeat the option for more.
         plant: Plant of a standard controller: a prefcal plant, a system of {systems}scipy,
-            or (A, B, C, D).
+            (A, B, C, D), or the record of a step test (see `prefcal identify`).
         stop_time: Duration of an experiment, in the model's unit of time.
         config: Configuration of the scenario, for example the road and traffic of overtake.
         run_timeout: Time limit for one run of your own scenario; a longer run is ended and counts
@@ -385,6 +385,33 @@ class LookOptions:
     port: Annotated[int, Option(metavar="N", min=0, max=65535)] = 0
     out: Annotated[Path | None, Option(metavar="FILE.png")] = None
     json: Annotated[bool, Option("--json")] = False
+
+
+@dataclass(frozen=True, slots=True)
+class IdentifyOptions:
+    """Options of `prefcal identify`, in the order of its help.
+
+    Args:
+        record: CSV, Parquet or Excel file of a step test.
+        input: Column of what was stepped.
+        output: Column of what responded.
+        time: Column of time.
+        time_format: Format of time stamps.
+        unit: Unit of a column without one.
+        limits: What the input may reach.
+        resolution: Smallest move of the actuator, in the unit of the input.
+        out: Picture of record and model.
+    """
+
+    record: Annotated[str, Argument(metavar="RECORD")]
+    input: Annotated[str, Option(metavar="NAME", show_default="the one that steps")] = ""
+    output: Annotated[str, Option(metavar="NAME", show_default="the other one")] = ""
+    time: Annotated[str | None, Option(metavar="NAME", show_default="the one called time")] = None
+    time_format: Annotated[str | None, Option(metavar="FORMAT", show_default="ISO 8601")] = None
+    unit: Annotated[tuple[str, ...], Option(metavar="NAME=UNIT")] = ()
+    limits: Annotated[str, Option(metavar="LOW:HIGH", show_default="0:100 if in %")] = ""
+    resolution: Annotated[float, Option(metavar="NUMBER", min=0.0)] = 0.0
+    out: Annotated[Path | None, Option(metavar="FILE.png", show_default="beside the record")] = None
 
 
 @dataclass(frozen=True, slots=True)

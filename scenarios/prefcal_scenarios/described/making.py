@@ -30,6 +30,7 @@ from prefcal_scenarios.own import module_at
 from prefcal_scenarios.scenario import KPI, Scenario
 
 from .description import KNOB_EXAMPLE, Description, description_of, ranged_knob, stated
+from .identified import is_record, plant_of_record
 
 # --- Load the plant that a file, the command line or a study names: model.py:plant.
 
@@ -40,14 +41,19 @@ _KINDS = (
 
 
 def plant_at(source: str) -> Any:
-    """Return the plant at path/to/model.py:NAME; the file is executed.
+    """Return the plant at path/to/model.py:NAME, where the file is executed, or that of a record, step.csv.
 
     Raises:
         ScenarioError: If the file or the name in it does not exist, or it is not a plant.
+        RecordError: If a record does not tell its plant.
     """
+    if is_record(source):
+        return plant_of_record(source)
     path, _, name = source.rpartition(":")
     if not path.endswith(".py") or not name:
-        raise ScenarioError(f"a plant must be path/to/model.py:NAME, got {source!r}")
+        raise ScenarioError(
+            f"a plant must be path/to/model.py:NAME or the record of a step test, step.csv, got {source!r}"
+        )
     module = module_at(Path(path))
     there = [key for key in vars(module) if not key.startswith("_")]
     if name not in there:

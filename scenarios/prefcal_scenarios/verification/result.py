@@ -543,7 +543,7 @@ def _range(factor: Factor) -> str:
 
 def _kind(factor: Factor, idle: Collection[str]) -> str:
     """Return where the range of a factor comes from, and whether the factor alone matters at all."""
-    said = "stated" if factor.stated else USUAL
+    said = "stated" if factor.stated else factor.told or USUAL
     return f"{said}, no effect alone" if factor.name in idle else said
 
 

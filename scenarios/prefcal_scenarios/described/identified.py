@@ -1,0 +1,275 @@
+"""A plant that a record of a step test describes: identified once, and kept beside the record."""
+
+import json
+import re
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.disk import digest_of, write_durably
+from prefcal_env.errors import RecordError, ScenarioError
+from prefcal_env.experiments.experiment import Channel, End
+from prefcal_env.plain import UNREADABLE, from_plain, to_plain
+from prefcal_env.plants.explained import Model
+from prefcal_env.plants.identify import Identified, identify
+from prefcal_env.plants.systems import LinearPlant, LinearSystem, Sample, system_of
+from prefcal_env.tables.frame import TableColumns
+from prefcal_scenarios.names import TABLES
+
+ENDING = ".plant.json"
+"""Ending of the file beside a record that keeps what was identified."""
+
+# --- Read a record: its input, its output and its time, guessed where that is obvious.
+
+_INPUT = re.compile(r"(u|in|input|mv|op|out|co|cv|valve|pump|heater)\b.*", re.IGNORECASE)
+_HELD = 0.2  # share of the rows in which an input that was stepped by hand changes, at most
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StepTest:
+    """A record of one input and one output."""
+
+    t: Float[np.ndarray, " K"]
+    u: Float[np.ndarray, " K"]
+    y: Float[np.ndarray, " K"]
+    input: Channel
+    output: Channel
+    time_unit: str
+
+
+def step_test(path: Path, about: TableColumns | None = None, output: str = "", given: str = "") -> StepTest:
+    """Return the record in a file, which may be all that `prefcal look` reads.
+
+    Args:
+        path: CSV, Parquet or Excel file.
+        about: What is known of the columns: names, units and time.
+        output: Name of the output; "" if it is the only column of numbers beside input and time.
+        given: Name of the input; "" for the one that is called like one, or moves in steps.
+
+    Raises:
+        RecordError: If the file is no table, or it is not clear which column is which.
+    """
+    known = tuple(name for name in (given, output) if name) if given and output else ()
+    columns = replace(about or TableColumns(), outputs=known, max_rows=None, kpis=None, end=End.TIME_UP)
+    columns = replace(columns, allow=("gaps",))
+    try:
+        made = columns.read(path, [0.0])
+        columns_read = {c.name: made.output(k) for k, c in enumerate(made.channels.y)}
+        curves = {name: values for name, values in columns_read.items() if values is not None}
+        u = _named(given, curves, "input") or _guessed(curves, output)
+        others = [name for name in curves if name != u]
+        y = _named(output, curves, "output") or (others[0] if len(others) == 1 else "")
+        if not y:
+            raise RecordError(f"which column is the output? Name it with --output: one of {_list(others)}")
+    except RecordError as error:
+        raise RecordError(f"{path}: {error}") from error
+    units = {c.name: c.unit for c in made.channels.y}
+    ends = Channel(u, units[u]), Channel(y, units[y])
+    return StepTest(made.t, curves[u], curves[y], *ends, made.channels.time_unit)
+
+
+def _named(name: str, curves: Mapping[str, Any], what: str) -> str:
+    if name and name not in curves:
+        raise RecordError(f"no column of numbers is called {name!r}: the {what} is one of {_list(curves)}")
+    return name
+
+
+def _guessed(curves: Mapping[str, Float[np.ndarray, " K"]], output: str) -> str:
+    """Return the name of the input: the only one that is called like one or moves in steps."""
+    there = [name for name in curves if name != output]
+    moves = {name: float(np.mean(np.diff(curves[name]) != 0)) for name in there}
+    called = [name for name in there if _INPUT.fullmatch(name)]
+    held = [name for name, share in moves.items() if 0 < share <= _HELD]
+    found = {each[0] for each in (called, held) if len(each) == 1}
+    if not found and output and len(there) == 1:
+        return there[0]
+    if len(found) != 1:
+        raise RecordError(f"which column is the input? Name it with --input: one of {_list(there)}")
+    return found.pop()
+
+
+def _list(names: Any) -> str:
+    return ", ".join(names) or "none"
+
+
+# --- Keep what was identified, and make the plant of it.
+
+_NUMBERS = ("gain", "rate", "time constant 1", "dead time")
+"""Numbers whose intervals say what a record leaves open."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Found:
+    """What was identified of a record, as it is kept in a file.
+
+    The plant is a model of changes: its input and output are 0 where the record started.
+    """
+
+    record: str  # name of the record
+    digest: str  # SHA-256 of the record, in hexadecimal digits
+    time_unit: str
+    input: str
+    output: str
+    units: tuple[str, str]  # of input and output
+    start: tuple[float, float]  # values of input and output at the start
+    reach: float  # how far the input may move from its start, either way
+    best: int  # number of the most probable model
+    models: tuple[Model, ...]  # those that are easiest to control first
+    intervals: dict[str, tuple[float, float]] = field(default_factory=dict)  # of 90 %, by number
+
+    @classmethod
+    def of(cls, path: Path, test: StepTest, found: Identified, limits: tuple[float, float] | None) -> "Found":
+        """Return what was identified of the record at `path`, with limits of its input.
+
+        Raises:
+            RecordError: If the record is beyond the limits.
+        """
+        u, y = float(found.u[0]), float(found.y[: max(int(np.argmax(found.u != found.u[0])), 1)].mean())
+        return cls(
+            record=path.name,
+            digest=digest_of(path),
+            time_unit=test.time_unit,
+            input=test.input.name,
+            output=test.output.name,
+            units=(test.input.unit, test.output.unit),
+            start=(u, y),
+            reach=_reach(test.input, found.u, limits),
+            best=found.best,
+            models=found.models,
+            intervals={name: found.interval(name) for name in found.models[found.best].numbers},
+        )
+
+    @classmethod
+    def read(cls, path: Path) -> "Found":
+        """Return what a file keeps. Raises ScenarioError if it cannot be read."""
+        try:
+            content = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, *UNREADABLE) as error:
+            raise ScenarioError(f"cannot read the identified plant {str(path)!r}: {error}") from error
+        found = from_plain(content, cls, ScenarioError, repr(str(path)))
+        if not 0 <= found.best < len(found.models):
+            raise ScenarioError(f"{str(path)!r}: best must be a number of a model, got {found.best}")
+        return found
+
+    def write(self, path: Path) -> None:
+        """Write the file. Raises OSError."""
+        write_durably(path, f"{json.dumps(to_plain(self), ensure_ascii=False)}\n".encode())
+
+    @property
+    def told(self) -> str:
+        """Return what the record leaves open, for people."""
+        units = unit_of(self)
+        said = [
+            f"{name} {low:.3g} to {high:.3g} {units(name)}".rstrip()
+            for name, (low, high) in self.intervals.items()
+            if name in _NUMBERS
+        ]
+        return ", ".join(said)
+
+    def plant(self) -> LinearPlant:
+        """Return the plant: the most probable model, and what else it may be."""
+        order = max(len(model.den) for model in self.models) - 1
+        systems = tuple((_padded(model, order), model.delay) for model in self.models)
+        u, y = self.start
+        names = f"{self.output} by {self.input}"
+        about = f"changes from {y:.4g} {self.units[1]}".rstrip() + f" at {u:.4g} {self.units[0]}".rstrip()
+        plant = LinearPlant(
+            (systems[0][0].A, systems[0][0].B, systems[0][0].C, systems[0][0].D),
+            inputs=[Channel(self.input, self.units[0], -self.reach, self.reach)],
+            outputs=[Channel(self.output, self.units[1])],
+            name=f"{names} ({about})",
+            time_unit=self.time_unit,
+        )
+        return plant.among(Sample(systems, self.best, self.record, self.told))
+
+
+def unit_of(found: Found) -> Any:
+    """Return a function of the name of a number that returns its unit."""
+    u, y = found.units
+    gain = f"{y or '1'}/{u}" if u else y
+
+    def unit(name: str) -> str:
+        if name == "damping":
+            return ""
+        if name == "gain":
+            return gain
+        return f"{gain or '1'}/{found.time_unit}" if name == "rate" else found.time_unit
+
+    return unit
+
+
+def _reach(c: Channel, u: Float[np.ndarray, " K"], limits: tuple[float, float] | None) -> float:
+    """Return how far an input may move from its start, either way: a study starts where the record did.
+
+    Without limits, they are 0 and 100 if it is in %, or else twice as far away as the record moves it.
+    """
+    start, moved = float(u[0]), float(np.abs(u - u[0]).max())
+    if limits is None and not (c.unit == "%" and u.min() >= 0 and u.max() <= 100):
+        return 2 * moved
+    low, high = limits or (0.0, 100.0)
+    if u.min() < low or u.max() > high:
+        raise RecordError(
+            f"{c.name} is {u.min():g} to {u.max():g} {c.unit}".rstrip()
+            + f", beyond its limits {low:g} to {high:g}"
+        )
+    return max(min(start - low, high - start), moved)
+
+
+def _padded(model: Model, order: int) -> LinearSystem:
+    """Return a model with `order` states: those that it lacks decay, and nothing drives or shows them."""
+    made = system_of((list(model.num), list(model.den)))
+    missing, rate = order - len(made.A), -1 / max([*model.lags, model.delay, 1e-9])
+    A = np.zeros((order, order))
+    A[: len(made.A), : len(made.A)] = made.A
+    A[len(made.A) :, len(made.A) :] = rate * np.eye(missing)
+    B, C = np.pad(made.B, ((0, missing), (0, 0))), np.pad(made.C, ((0, 0), (0, missing)))
+    return LinearSystem(A, B, C, made.D)
+
+
+def is_record(source: str) -> bool:
+    """Return whether a plant is named by its record, or by what was identified of one."""
+    return source.lower().endswith((ENDING, *TABLES))
+
+
+def plant_of_record(source: str) -> LinearPlant:
+    """Return the plant of a record, or of the file that keeps what was identified.
+
+    A record is identified once: what is found is kept beside it, and holds as long as it stays the same.
+
+    Raises:
+        RecordError: If the record does not tell enough, or is not clear.
+        ScenarioError: If the file cannot be read.
+    """
+    path = Path(source)
+    if source.endswith(ENDING):
+        return Found.read(path).plant()
+    kept = path.with_suffix(ENDING)
+    if path.is_file() and kept.is_file():
+        found = Found.read(kept)
+        if found.digest == digest_of(path):
+            return found.plant()
+    return identified(path)[0].plant()
+
+
+def identified(
+    path: Path,
+    test: StepTest | None = None,
+    *,
+    resolution: float = 0.0,
+    limits: tuple[float, float] | None = None,
+) -> tuple[Found, Identified]:
+    """Identify a record, and keep what is found beside it if its folder can be written to."""
+    test = step_test(path) if test is None else test
+    try:
+        made = identify(test.t, test.u, test.y, resolution=resolution)
+    except RecordError as error:
+        raise RecordError(f"{path}: {error}") from error
+    found = Found.of(path, test, made, limits)
+    with suppress(OSError):  # a folder to read only: it is identified again next time
+        found.write(path.with_suffix(ENDING))
+    return found, made

@@ -1,0 +1,154 @@
+"""Identify a plant: the true one is in the intervals, and a record that does not tell is refused."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import signal
+
+from prefcal_env.errors import PrefcalError, RecordError
+from prefcal_env.plants.identify import identify
+
+N = 300
+TIME = np.linspace(0, 299, N)
+STEPPED = np.where(TIME < 30, 40.0, 46.0)
+GAIN, LAG, DELAY, NOISE = 1.8, 25.0, 8.0, 0.05
+
+
+def output(u=STEPPED, num=(GAIN,), den=(LAG, 1.0), delay=8, seed=0):
+    """The output of a plant at 52 with white noise, simulated by scipy; the delay is in rows."""
+    num, den, _ = signal.cont2discrete((num, den), 1.0, "zoh")
+    late = np.concatenate([np.zeros(delay), u - u[0]])[:N]
+    noise = NOISE * np.random.default_rng(seed).standard_normal(N)
+    return 52 + signal.lfilter(np.ravel(num), den, late) + noise
+
+
+@pytest.fixture(scope="module")
+def found():
+    return identify(TIME, STEPPED, output(), count=100)
+
+
+def test_the_true_numbers_are_near_the_best_ones_and_in_their_intervals(found):
+    best = found.models[found.best]
+    assert best.family == "a lag"
+    assert best.numbers == pytest.approx({"gain": GAIN, "time constant 1": LAG, "dead time": DELAY}, rel=0.05)
+    low, high = found.interval("gain")
+    assert low < GAIN < high
+    assert high - low < 0.1 * GAIN
+    assert found.noise == pytest.approx(NOISE, rel=0.15)
+    assert sum(found.families.values()) == pytest.approx(1.0)
+    assert next(iter(found.families)) == "a lag"
+    assert found.reason.startswith("A lag, ")
+    assert found.notes == ()
+
+
+def test_the_model_lies_over_the_record(found):
+    assert found.fit == pytest.approx(found.y, abs=5 * NOISE)
+
+
+def test_one_seed_gives_the_same_models(found):
+    assert identify(TIME, STEPPED, output(), count=100).models == found.models
+
+
+def test_units_of_the_record_change_nothing_but_the_numbers(found):
+    other = identify(TIME / 60, STEPPED / 100, output() * 1000, count=100)
+    best, scaled = found.models[found.best], other.models[other.best]
+    assert scaled.gain == pytest.approx(best.gain * 1e5, rel=1e-4)
+    assert scaled.delay == pytest.approx(best.delay / 60, rel=1e-3)
+
+
+def test_models_that_are_harder_to_control_come_later(found):
+    hard = [model.gain * (model.delay + model.lags[-1]) for model in found.models]
+    third = len(hard) // 3
+    assert np.mean([model.delay / model.lags[0] for model in found.models[:third]]) < np.mean(
+        [model.delay / model.lags[0] for model in found.models[-third:]]
+    )
+
+
+def test_a_coarse_actuator_leaves_the_gain_open(found):
+    coarse = identify(TIME, STEPPED, output(), resolution=1.0, count=100)
+    (low, high), (before, after) = coarse.interval("gain"), found.interval("gain")
+    assert high - low > 2 * (after - before)
+
+
+@pytest.mark.parametrize(
+    ("num", "den", "name", "expected"),
+    [
+        ((0.02,), (1.0, 0.0), "rate", 0.02),
+        ((-12.0, GAIN), (15 * 25.0, 40.0, 1.0), "gain", GAIN),
+        ((-GAIN,), (400.0, 16.0, 1.0), "damping", 0.4),
+    ],
+    ids=["integrating", "inverse response", "oscillating, negative gain"],
+)
+def test_other_plants_are_told_by_their_records(num, den, name, expected):
+    # Up and back again: a single step would leave open whether the output settles later.
+    u = np.where(TIME < 150, STEPPED, 40.0)
+    made = identify(TIME, u, output(u, num, den, delay=3), count=60)
+    assert made.models[made.best].numbers[name] == pytest.approx(expected, rel=0.1)
+
+
+def test_a_controller_in_the_input_is_said_to_be_ambiguous():
+    rng = np.random.default_rng(3)
+    u = STEPPED + np.cumsum(0.05 * rng.standard_normal(N))
+    made = identify(TIME, u, output(u), count=30)
+    assert "closed loop" in made.notes[0]
+    assert made.models[made.best].gain == pytest.approx(GAIN, rel=0.1)
+
+
+def test_rows_need_not_be_equally_spaced():
+    kept = np.sort(np.random.default_rng(5).choice(N, 200, replace=False))
+    made = identify(TIME[kept], STEPPED[kept], output()[kept], count=30)
+    assert made.models[made.best].gain == pytest.approx(GAIN, rel=0.05)
+
+
+# --- Records that do not tell, one by one.
+
+
+def gap(values):
+    return np.where(np.arange(N) == 7, np.nan, values)
+
+
+@pytest.mark.parametrize(
+    ("t", "u", "y", "said"),
+    [
+        (TIME[:20], STEPPED[:20], output()[:20], "30 rows or more .* got 20: log faster"),
+        (TIME, gap(STEPPED), output(), "the input has no value in row 8 .* cut the record"),
+        (TIME, STEPPED, gap(output()), "the output has no value in row 8"),
+        (TIME[::-1], STEPPED, output(), "time must increase, .* after row 1: sort"),
+        (TIME, np.full(N, 40.0), output(), "no step in the input, which is 40 throughout: step it"),
+        (TIME[:35], STEPPED[:35], output()[:35], "too short: it ends 5 rows after .* Log until"),
+        (TIME, STEPPED, np.full(N, 52.0), "output is 52 throughout"),
+        (TIME, STEPPED, np.minimum(output(), 57.0), "saturated: .* rests at 57, the highest .* smaller step"),
+        (TIME, STEPPED[:-1], output(), "as long as each other"),
+    ],
+)
+def test_what_cannot_tell_is_refused_with_what_to_do(t, u, y, said):
+    with pytest.raises(RecordError, match=said):
+        identify(t, u, y)
+
+
+def test_a_load_in_the_middle_is_refused_with_its_time():
+    loaded = output() + np.where(TIME < 190, 0.0, 3 * (1 - np.exp(-(TIME - 190).clip(0) / LAG)))
+    with pytest.raises(RecordError, match=r"something else .* from about 1[789]\d"):
+        identify(TIME, STEPPED, loaded)
+
+
+def test_a_response_that_drowns_in_noise_is_refused():
+    noise = np.random.default_rng(8).standard_normal(N)
+    with pytest.raises(RecordError, match=r"does not tell: .* Log for longer"):
+        identify(TIME, STEPPED, noise)
+
+
+def test_an_output_that_settles_and_is_rounded_is_not_taken_for_saturated():
+    made = identify(TIME, STEPPED, np.round(output(), 1), count=30)
+    assert made.models[made.best].gain == pytest.approx(GAIN, rel=0.05)
+
+
+numbers = st.lists(st.floats(allow_nan=True, allow_infinity=True, width=32), max_size=40)
+
+
+@settings(max_examples=60)
+@given(numbers, numbers, numbers)
+def test_whatever_is_given_is_refused_in_words(t, u, y):
+    with pytest.raises(PrefcalError):
+        identify(t, u, [*y, float("nan")])

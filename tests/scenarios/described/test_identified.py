@@ -1,0 +1,158 @@
+"""A record as a plant: its columns, what is kept beside it, and what a verification varies of it."""
+
+import json
+
+import numpy as np
+import pytest
+
+from prefcal_env.envs.varied_plant import factors_of, varied_plant
+from prefcal_env.errors import RecordError, ScenarioError, SettingsError
+from prefcal_env.plants.systems import LinearPlant
+from prefcal_env.sources.varied import within
+from prefcal_scenarios import load
+from prefcal_scenarios.described import identified
+from prefcal_scenarios.described.identified import ENDING, Found, plant_of_record, step_test
+from prefcal_scenarios.described.making import plant_at
+from prefcal_scenarios.verification import verify
+from support.step_tests import ROWS, T, U, response, table
+
+
+@pytest.fixture(scope="module")
+def record(tmp_path_factory):
+    path = tmp_path_factory.mktemp("plant") / "step.csv"
+    path.write_text(table(), encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def plant(record):
+    return plant_of_record(str(record))
+
+
+def test_the_plant_is_about_the_start_of_the_record_and_moves_as_far_as_its_limits(plant):
+    (u,), (y,) = plant.inputs, plant.outputs
+    assert (u.name, u.unit, u.low, u.high) == ("valve", "%", -40, 40)
+    assert (y.name, y.unit, plant.time_unit) == ("temperature", "°C", "s")
+    assert plant.name == "temperature by valve (changes from 52 °C at 40 %)"
+    assert float(plant.system.at(0j)[0, 0].real) == pytest.approx(1.8, rel=0.05)
+
+
+def test_a_record_is_identified_once_and_again_when_it_changes(record, plant, monkeypatch):
+    monkeypatch.setattr(identified, "identify", lambda *args, **more: pytest.fail("identified again"))
+    kept = record.with_suffix(ENDING)
+    for source in (str(record), str(kept)):
+        again = plant_at(source)
+        assert isinstance(again, LinearPlant)
+        assert np.array_equal(again.system.A, plant.system.A)
+    content = kept.read_text(encoding="utf-8")
+    kept.write_text(json.dumps({**json.loads(content), "digest": "of another record"}), encoding="utf-8")
+    try:
+        with pytest.raises(pytest.fail.Exception, match="identified again"):
+            plant_at(str(record))
+    finally:
+        kept.write_text(content, encoding="utf-8")
+
+
+def test_a_file_that_is_none_is_refused(tmp_path):
+    path = tmp_path / f"step{ENDING}"
+    with pytest.raises(ScenarioError, match=r"cannot read .*step\.plant\.json"):
+        plant_at(str(path))
+    path.write_text('{"record": 3}')
+    with pytest.raises(ScenarioError, match="cannot be read"):
+        plant_at(str(path))
+
+
+def test_a_best_model_that_is_none_of_the_models_is_refused(record, plant, tmp_path):
+    content = json.loads(record.with_suffix(ENDING).read_text(encoding="utf-8"))
+    path = tmp_path / f"step{ENDING}"
+    path.write_text(json.dumps({**content, "best": 300}))
+    with pytest.raises(ScenarioError, match="best must be a number of a model, got 300"):
+        Found.read(path)
+
+
+# --- What varies: the models in place of gain, time constants and dead time; the rest as usual.
+
+
+def test_the_sample_takes_the_place_of_gain_lags_and_dead_time(plant):
+    sample, *others = factors_of(plant)
+    assert (sample.name, sample.kind, sample.low, sample.high) == (
+        "plant identified from step.csv",
+        "parameter",
+        1.0,
+        300.0,
+    )
+    assert sample.robust
+    assert "identified: gain 1.8 to 1.8 °C/%, time constant 1 19.9 to 20.1 s, dead time" in sample.told
+    assert [each.name for each in others] == ["range of valve"]
+
+
+def test_each_number_is_another_plant_that_rests_where_the_study_does(plant):
+    (sample, *_) = factors_of(plant)
+    made = [varied_plant(plant, {sample.name: float(k)}).plant for k in (1, 150, 300)]
+    assert len({each.system.A.tobytes() for each in made}) == 3
+    for each in made:
+        assert not each.f(np.zeros(len(plant.states)), np.zeros(1), np.zeros(0)).any()
+        assert each.system.at(0j)[0, 0].real == pytest.approx(1.8, rel=0.1)
+    nominal = varied_plant(plant, {}).plant
+    assert np.array_equal(nominal.system.A, plant.system.A)
+    assert nominal.input_delay == plant.input_delay
+
+
+def test_the_sample_can_be_left_out_or_cut_but_never_grown(plant):
+    factors = [*factors_of(plant)]
+    assert [f.name for f in within(factors, {"parameter": 0.0})] == ["range of valve"]
+    with pytest.raises(SettingsError, match="only 1 to 300 is possible"):
+        within(factors, {"parameter": 0.5})
+
+
+def test_a_verification_names_the_record_and_what_it_leaves_open(record, plant):
+    scenario = load(f'pid {{"plant": "{record.as_posix()}"}}')
+    found = verify(scenario, scenario.references["robust"], 4, jobs=1)
+    assert found.factors[0].name == "plant identified from step.csv"
+    assert {run.values[found.factors[0].name] for run in found.runs} <= {float(k) for k in range(1, 301)}
+    assert "dead time" not in {name for name, _ in found.left_out}
+
+
+# --- Which column is which.
+
+
+@pytest.mark.parametrize(
+    ("headings", "columns", "more", "names"),
+    [
+        (("time", "level", "valve"), (T, response(), U), {}, ("valve", "level")),
+        (("time", "a", "b"), (T, response(), U), {}, ("b", "a")),
+        (("time", "a", "b"), (T, U, response()), {"given": "b", "output": "a"}, ("b", "a")),
+        (("time", "a", "b", "c"), (T, U, response(), response(2)), {"output": "c"}, ("a", "c")),
+    ],
+)
+def test_columns_are_guessed_or_named(tmp_path, headings, columns, more, names):
+    path = tmp_path / "step.csv"
+    path.write_text(table(*headings, columns=columns))
+    test = step_test(path, **more)
+    assert (test.input.name, test.output.name) == names
+    assert np.array_equal(test.t, T)
+
+
+@pytest.mark.parametrize(
+    ("headings", "columns", "more", "said"),
+    [
+        (("time", "a", "b"), (T, response(), response(2)), {}, "input.* --input: one of a, b"),
+        (("time", "a", "b", "c"), (T, U, response(), response(2)), {}, "output.* --output: one of b, c"),
+        (("time", "a", "b"), (T, U, response()), {"given": "c"}, "no column of numbers is called 'c'"),
+        (("time", "a"), (T, U), {}, "--output: one of none"),
+        (("time", "valve", "b"), (T, response(), U), {}, "input.* --input: one of valve, b"),
+    ],
+)
+def test_what_is_not_obvious_is_asked_for(tmp_path, headings, columns, more, said):
+    path = tmp_path / "step.csv"
+    path.write_text(table(*headings, columns=columns))
+    with pytest.raises(RecordError, match=rf"step\.csv: .*{said}"):
+        step_test(path, **more)
+
+
+def test_a_record_that_does_not_tell_is_refused_with_its_name(tmp_path):
+    path = tmp_path / "step.csv"
+    path.write_text(table("time", "valve", "level", columns=(T, np.full(ROWS, 3.0), response())))
+    with pytest.raises(RecordError, match=r"step\.csv: there is no step in the input"):
+        plant_of_record(str(path))
+    assert not path.with_suffix(ENDING).exists()
