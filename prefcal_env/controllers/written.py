@@ -44,7 +44,7 @@ EQUATIONS: Mapping[str, str] = {
 FILTERED = "T_f = T_d/N filters the derivative only. K_p above 0 is reverse action, below 0 direct action."
 """What holds for all forms."""
 _NEEDED = {"K_p", "T_i", "T_d", "T_s", "N", "b", "c"}
-NO_SERIES = "this form cannot have a T_d above about a quarter of T_i"
+NO_SERIES = "the series form cannot have a T_d above about a quarter of T_i"
 
 
 def pid_forms(
