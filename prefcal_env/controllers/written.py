@@ -48,7 +48,7 @@ ANTI_WINDUP = (
 )
 """What holds for all forms with integral action."""
 _NEEDED = {"K_p", "T_i", "T_d", "T_s", "N", "b", "c"}
-NO_SERIES = "this form cannot have a T_d above about a quarter of T_i"
+NO_SERIES = "the series form cannot have a T_d above about a quarter of T_i"
 
 
 def pid_forms(

@@ -236,7 +236,7 @@ def test_the_forms_have_equations_numbers_and_units(heater):
 
 def test_a_form_that_a_pid_does_not_have_says_why(heater):
     text = export_controller(changed(heater, settings=as_data(HEATER) | {"T_d": 60.0}), "forms")
-    assert "K_p′ – (this form cannot have a T_d above about a quarter of T_i)" in " ".join(text.split())
+    assert "K_p′ – (the series form cannot have a T_d above about a quarter of T_i)" in " ".join(text.split())
 
 
 def test_a_best_json_of_before_says_no_channels_and_is_exported_all_the_same(heater):

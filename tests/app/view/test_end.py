@@ -120,7 +120,7 @@ def test_the_end_gives_a_pid_in_each_form_and_says_how_to_write_the_controller(t
     cells = {row["name"]: [cell["text"] for cell in row["cells"]] for row in forms["rows"]}
     assert cells["K_i"] == ["parallel", "0.1", "0.05"]
     assert cells["T_i′"] == ["series", "–", "–"]  # 4 * 8 > 20
-    assert "–: this form cannot have a T_d above about a quarter of T_i." in forms["caption"]
+    assert "–: the series form cannot have a T_d above about a quarter of T_i." in forms["caption"]
     best = tmp_path / "best.json"
     assert [each["command"] for each in found["export"]] == [
         f"prefcal export {best} --to st",
