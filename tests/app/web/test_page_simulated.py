@@ -265,6 +265,18 @@ def menu(browser, screen, monkeypatch):
     return served, ended
 
 
+def test_a_long_name_on_the_menu_is_read_in_full_on_a_phone(menu, monkeypatch):
+    long = (
+        "lower settling time of level (within ±5 %), but higher peak error of level under the load",
+        "other",
+    )
+    monkeypatch.setattr("prefcal_app.view.end.menu_names", lambda *_: long)
+    watched = menu[1](viewport={"width": 390, "height": 844})
+    box = watched.page.locator("button.other").first.bounding_box()
+    assert box["x"] + box["width"] <= 390
+    watched.shot("menu-390")
+
+
 def test_one_key_looks_at_another_candidate_and_one_chooses_it(menu):
     served, ended = menu
     watched = ended(color_scheme="light")
