@@ -150,7 +150,7 @@ _RUN = (
     "best.json, which completes this page."
 )
 _WIDE = 107  # characters of a line of an answer
-LINE, MOST_VERIFIED = 3.2, 16
+LINE, MOST_VERIFIED = 3.2, 17
 """Height of a line of an answer in mm, and the usual number of lines of what was verified."""
 _LOW = 36.0  # smallest height of curves that tell anything, in mm
 LOOP = "open_loop.png"
@@ -323,7 +323,7 @@ def _holds(verified: Verified, room: float) -> Answers:
     *verdicts, varied, others = verified_answers(verified)
     rest = room - _LOW
     found = [*verdicts, *fitted([varied, others], rest - _height_of(verdicts), VERIFICATION)]
-    beside = fitted(found, rest, VERIFICATION, lines=4)
+    beside = fitted(found, rest, VERIFICATION, lines=3)
     return beside if left(room, beside) else fitted(found, room, VERIFICATION)
 
 
