@@ -6,7 +6,7 @@ from support.traces import AGENTS, answer, own_kpi
 
 
 @pytest.mark.parametrize(
-    ("agent", "files", "crossings"), [("GLISp", 36, 1_080), ("Screening", 42, 2_080)], ids=[*AGENTS]
+    ("agent", "files", "crossings"), [("GLISp", 35, 1_080), ("Screening", 39, 2_080)], ids=[*AGENTS]
 )
 def test_an_own_kpi_takes_few_ways_between_files(tmp_path, agent, files, crossings):
     trace = own_kpi(tmp_path, AGENTS[agent])

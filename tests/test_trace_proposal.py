@@ -4,7 +4,7 @@ import pytest
 
 from support.traces import PROPOSALS, proposal
 
-FILES, CROSSINGS = 14, 200
+FILES, CROSSINGS = 12, 195
 
 
 @pytest.mark.parametrize(("make", "experiment"), PROPOSALS)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from statistics import median
+from statistics import median_low
 from types import CodeType, FrameType, ModuleType
 from typing import Any, NamedTuple
 
@@ -58,7 +58,7 @@ class Trace(NamedTuple):
     files: int
     crossings: int
     functions: int
-    stack: float
+    stack: int
 
 
 def traced(work: Callable[[], Any], packages: tuple[ModuleType, ...] = PACKAGES) -> Trace:
@@ -79,7 +79,7 @@ def traced(work: Callable[[], Any], packages: tuple[ModuleType, ...] = PACKAGES)
     files = [code.co_filename for code in entered]
     changes = sum(a != b for a, b in pairwise(files))
     functions = {(code.co_filename, code.co_qualname) for code in entered}
-    return Trace(len({*files}), changes, len(functions), median(depths))
+    return Trace(len({*files}), changes, len(functions), median_low(depths))
 
 
 def callers(frame: FrameType | None) -> Iterator[CodeType]:
