@@ -375,8 +375,9 @@ class Utilities:
     def gain(self, differences: Float[np.ndarray, "c s a"]) -> Float[np.ndarray, "s a"]:
         """Return how much better one experiment is than another, by all parts together, shape (s, a)."""
         found, weights = np.zeros(differences.shape[1:]), self.weights
+        weighted = np.empty_like(found)  # once: a new array for each part of a long study takes as long as it
         for part in self.parts:  # by the others nothing differs
-            found += weights[:, part, None] * differences[part]
+            found += np.multiply(weights[:, part, None], differences[part], out=weighted)
         return found
 
     def log_answers(
@@ -393,7 +394,9 @@ class Utilities:
         explained[:, tie] = 1.0 - notice_chance(even) - notice_chance(-even)
         # A mistake is any of the three answers, so that no single one can rule out a draw.
         error = self.errors[:, None]
-        return np.asarray(np.log((1.0 - error) * explained + error / 3.0))
+        explained *= 1.0 - error
+        explained += error / 3.0
+        return np.asarray(np.log(explained, out=explained))
 
     @property
     def parts(self) -> Iterable[int]:
@@ -456,7 +459,9 @@ def _subtract(
 def notice_chance(gain: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
     """Return how probably a difference of costs is noticed."""
     # The threshold scatters with a standard deviation of a third of a just noticeable difference.
-    return np.asarray(ndtr(3.0 * (gain - 1.0)))
+    scaled = np.asarray(gain - 1.0)
+    scaled *= 3.0
+    return np.asarray(ndtr(scaled, out=scaled))
 
 
 # --- Learn from answers: draw costs by how well they explain them, and ask whether they do.

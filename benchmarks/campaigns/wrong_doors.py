@@ -586,6 +586,29 @@ def records(dice: Dice) -> Wrong:
 _CARS = b"name,price [EUR],range [km],length [m]\na,1,300,4\nb,2,500,4.5\nc,3,700,4.2\nd,4,650,4.9\n"
 
 
+def _table_option(dice: Dice, name: str, junk: str) -> tuple[str, ...]:
+    """Return a wrong option with its value, and what else may be named."""
+    return dice.choice(
+        [
+            ("--lower", name),
+            ("--higher", f"price,{name}"),
+            ("--kpis", name),
+            ("--lower=price", "--higher=price", "'price'"),
+            ("--lower", "price,price", "'price'"),
+            ("--lower", "name"),
+            ("--lower", ","),
+            ("--of", name),
+            ("--start", name),
+            ("--start", "99999"),
+            ("--n-max", dice.choice(["0", "-1", junk])),
+            ("--seed", dice.choice(["-1", junk])),
+            ("--simulate", "3"),
+            (f"--{name}", "3"),
+            ("--calibrator", "ideal"),
+        ]
+    )
+
+
 def tables(dice: Dice) -> Wrong:
     """Return a wrong table to choose from, or a wrong word about one."""
     name, junk = word(dice), dice.choice(JUNK[2:])
@@ -610,25 +633,7 @@ def tables(dice: Dice) -> Wrong:
         content = dice.choice(cells) if kind == "csv" else _book(dice, kind)
         words = ("choose", f"{name}.{kind}", "--terminal", "--study", "./s.prefcal", "--out", "o")
         return typed(*words, named=(name,), files={f"{name}.{kind}": content})
-    extra = dice.choice(
-        [
-            ("--lower", name),
-            ("--higher", f"price,{name}"),
-            ("--kpis", name),
-            ("--lower=price", "--higher=price", "'price'"),
-            ("--lower", "price,price", "'price'"),
-            ("--lower", "name"),
-            ("--lower", ","),
-            ("--of", name),
-            ("--start", name),
-            ("--start", "99999"),
-            ("--n-max", dice.choice(["0", "-1", junk])),
-            ("--seed", dice.choice(["-1", junk])),
-            ("--simulate", "3"),
-            (f"--{name}", "3"),
-            ("--calibrator", "ideal"),
-        ]
-    )
+    extra = _table_option(dice, name, junk)
     words = ("choose", "cars.csv", "--terminal", "--study", "./s.prefcal", "--out", "o", *extra[:2])
     return typed(*words, named=(*extra, name), files={"cars.csv": _CARS})
 

@@ -131,6 +131,12 @@ def _unclear(wrong: Wrong, said: Said) -> list[str]:
 # --- Requests of a page, in this process, and calls of `Taste`.
 
 _TOKEN, _PORT = "the-token", 8765
+_HEADS: Mapping[str, str] = {
+    "host": f"127.0.0.1:{_PORT}",
+    "origin": f"http://127.0.0.1:{_PORT}",
+    "cookie": f"prefcal_{_PORT}={_TOKEN}",
+    "content-type": "application/json",
+}
 _BODIES: Mapping[str, Mapping[str, Any]] = {
     "answer": {"question": 7, "choice": "left", "comment": "", "blind": False},
     "mark": {"question": 7, "side": "left", "mark": "unsafe", "on": True},
@@ -214,14 +220,27 @@ class Page:
 _pages: dict[str, Page] = {}
 
 
+def asked(folder: Path, kind: str, request: tuple[Any, ...]) -> Said:
+    """Return how an open study of this kind answers a request, which may change nothing."""
+    if kind not in _pages:
+        (folder.parent / "rig.toml").write_text(described(RIG), encoding="utf-8")
+        _pages[kind] = Page.of(
+            "lag" if kind == "lag" else str(folder.parent / "rig.toml"), 2 * (kind == "lag")
+        )
+        (folder.parent / "rig.toml").unlink()
+    page = _pages[kind]
+    before = page.state()
+    said = asyncio.run(page.ask(*request))
+    assert page.state() == before, "the study changed"
+    words = said.words
+    with contextlib.suppress(ValueError, TypeError, KeyError):
+        words = json.loads(words)["error"]
+    return Said(2 if 400 <= said.code < 500 else said.code, words)
+
+
 def requests(dice: Dice) -> Wrong:
     """Return a wrong request: body, path, method, cookie, host, origin, or the record of a rig."""
-    heads = {
-        "host": f"127.0.0.1:{_PORT}",
-        "origin": f"http://127.0.0.1:{_PORT}",
-        "cookie": f"prefcal_{_PORT}={_TOKEN}",
-        "content-type": "application/json",
-    }
+    heads = dict(_HEADS)
     name, junk = dice.choice(sorted(_BODIES)), word(dice)
     method, path, query, kind = "POST", f"/api/{name}", b"", "lag"
     plain: Any = dict(_BODIES[name])
@@ -256,20 +275,7 @@ def requests(dice: Dice) -> Wrong:
         )
 
     def call(folder: Path) -> Said:
-        if kind not in _pages:
-            (folder.parent / "rig.toml").write_text(described(RIG), encoding="utf-8")
-            _pages[kind] = Page.of(
-                "lag" if kind == "lag" else str(folder.parent / "rig.toml"), 2 * (kind == "lag")
-            )
-            (folder.parent / "rig.toml").unlink()
-        page = _pages[kind]
-        before = page.state()
-        said = asyncio.run(page.ask(method, path, query, body, heads))
-        assert page.state() == before, "the study changed"
-        words = said.words
-        with contextlib.suppress(ValueError, TypeError, KeyError):
-            words = json.loads(words)["error"]
-        return Said(2 if 400 <= said.code < 500 else said.code, words)
+        return asked(folder, kind, (method, path, query, body, heads))
 
     about = f"{method} {path}?{query!r} {body[:200]!r} {heads}"
     return Wrong(call, about, codes=(2,))

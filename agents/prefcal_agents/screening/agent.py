@@ -1,14 +1,16 @@
 """The agent Screening: simulate many θ unseen, show those that the answers leave undecided."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 from math import ceil
 from typing import ClassVar, Self, final
 
+import msgspec
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import expit, logit, logsumexp
 
-from prefcal_agents.agent import Pair, Setup
+from prefcal_agents.agent import Pair, Setup, one_thread
 from prefcal_agents.glisp.agent import propose
 from prefcal_agents.glisp.fits import GLISpSettings, ModelSelection
 from prefcal_agents.lessons import Remembered
@@ -30,7 +32,7 @@ from prefcal_agents.search import Tried
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.preferences.history import History, lost_since
 
-from .bank import ENOUGH, Growth, Simulating, Simulations, Stage
+from .bank import ENOUGH, Growth, KeptStage, Simulating, Simulations, Stage
 
 # --- What can be said of a result: how many θ are noticeably better, for people unlike the draws, too.
 #
@@ -303,6 +305,16 @@ class Screening(Simulating):
         """Return the stages of the study and the draws of all its records. Raises as `simulations`."""
         setup, most = self.setup, int(self.setup.settings.n_simulated)
         return self.simulations.learn_once(Growth, setup.space, most, setup.seed, setup.settings.taste)
+
+    def remember(self, history: History) -> bytes:
+        """Return the latest stages up to `history`, which take a tenth of a second an answer."""
+        with one_thread():
+            return msgspec.msgpack.encode(self.growth.worth_keeping(history))
+
+    def recall(self, learned: bytes) -> None:
+        """Use what `remember` of the same settings returned, as far as record and KPIs are the same."""
+        with suppress(msgspec.MsgspecError):  # of another version: all is learned anew
+            self.growth.recall(msgspec.msgpack.decode(learned, type=dict[bytes, KeptStage]))
 
     def _holds(self, bank: Bank, row: int) -> bool:
         """Return whether a row keeps the limits in all perturbed runs; without `holds` any does."""

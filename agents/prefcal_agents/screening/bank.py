@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
+from hashlib import sha256
 from threading import Lock
 from typing import Any, Protocol, Self, TypeVar
 
@@ -350,6 +351,50 @@ class Stage:
     rough: bool
 
 
+@dataclass(frozen=True, slots=True)
+class KeptStage:
+    """What a stage cannot be made from in no time, to keep it between sessions: numbers, to the last bit.
+
+    Args:
+        z: Points of the bank.
+        thetas: The same, physical.
+        spread: Rows that fill the space.
+        names: KPIs of the scale, which is older than the last θ of the bank.
+        scale: Its numbers, a row for each KPI.
+        utilities: Numbers of `Utilities`.
+        kpis: Digest of the KPIs of the bank: other simulations make another stage.
+    """
+
+    z: bytes
+    thetas: bytes
+    spread: bytes
+    names: tuple[str, ...]
+    scale: bytes
+    utilities: bytes
+    kpis: bytes
+
+    @classmethod
+    def of(cls, stage: Stage) -> "KeptStage":
+        """Return what is kept of a stage."""
+        scale, bank = stage.scale, stage.bank
+        numbers = np.vstack([scale.good, scale.floor, scale.ranges, scale.limits, scale.quantiles])
+        return cls(
+            bank.z.tobytes(),
+            bank.thetas.tobytes(),
+            stage.spread.astype(np.int64).tobytes(),
+            scale.names,
+            numbers.tobytes(),
+            stage.utilities.to_bytes(),
+            sha256(bank.kpis.tobytes()).digest(),
+        )
+
+    @property
+    def measure(self) -> Scale:
+        """Return the scale."""
+        good, floor, ranges, limits, *quantiles = np.frombuffer(self.scale).reshape(-1, len(self.names))
+        return Scale(self.names, good, floor, np.array(quantiles), ranges, limits)
+
+
 class Growth:
     """The stages of a study: a function of the record, and remembered.
 
@@ -384,6 +429,28 @@ class Growth:
         """What is known after a record, simulating what was not simulated yet."""
         self.pool = Remembered(self._pool, 1)  # the latest one: it is large
         """Draws of the study after a record, which say what other answers would teach."""
+
+    def worth_keeping(self, history: History) -> dict[bytes, KeptStage]:
+        """Return the stages in memory that later ones, and the draws of all records, follow from."""
+        last = history.answered
+        recent = (history.until(count) for count in range(max(last - _RECALLED, 1), last + 1))
+        stages = {past.key: self.stage(past) for past in recent if past in self.stage}
+        return {key: KeptStage.of(stage) for key, stage in stages.items() if stage.scale.names}
+
+    def recall(self, kept: Mapping[bytes, KeptStage]) -> None:
+        """Use what an earlier session learned, where record and simulated KPIs are still the same."""
+        self.stage.recalled = lambda past: self._restore(past, kept[past.key]) if past.key in kept else None
+
+    def _restore(self, past: History, kept: KeptStage) -> Stage | None:
+        with one_thread():
+            knobs, scale = len(self._space), kept.measure
+            bank = self._simulate(*(np.frombuffer(each).reshape(-1, knobs) for each in (kept.z, kept.thetas)))
+            utilities = Utilities.of_bytes(kept.utilities, len(scale.names))
+            if utilities is None or not {*scale.names} <= {*bank.names}:
+                return None
+            spread = np.frombuffer(kept.spread, dtype=np.int64)
+            stage = self._stage(past, bank, spread, scale, utilities)
+            return stage if sha256(stage.bank.kpis.tobytes()).digest() == kept.kpis else None
 
     def _pool(self, history: History) -> DrawPool:
         stage, last = self.stage(history), history.answered

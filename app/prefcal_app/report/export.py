@@ -287,7 +287,7 @@ def _values(scenario: Scenario, theta: Any, path: str | Path) -> Float[np.ndarra
     try:
         return scenario.space.check(np.array(list(theta.values()), dtype=float))
     except (TypeError, ValueError, OverflowError) as error:
-        raise ScenarioError(f"theta in {str(path)!r} does not fit: {error}") from error
+        raise ScenarioError(f"theta in {str(path)!r} does not fit: {error!s:.200}") from error
 
 
 def jsonable(value: Any) -> Any:

@@ -2,13 +2,14 @@
 
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
 
 from contracts.proposals import HALF, MIXED, RARE, RING
 from prefcal_agents import Screening
 from prefcal_agents.screening.agent import FROM, LEAST, MOST, Certificate, Evidence, evidence
-from prefcal_agents.screening.bank import Growth, Simulations, near_leaders
+from prefcal_agents.screening.bank import Growth, KeptStage, Simulations, near_leaders
 from prefcal_agents.screening.findings import findings
 from prefcal_agents.search import Region, latin_hypercube
 from prefcal_env.knobs import Knob, KnobSpace
@@ -42,6 +43,59 @@ def same(one, other):
         and np.array_equal(one.utilities.normals, other.utilities.normals)
         and np.array_equal(one.costs, other.costs)
     )
+
+
+@pytest.fixture
+def kept():
+    """A record of 14 answers, the growth that has learned it, and what that keeps, as it is written."""
+    grown = growth(100)
+    record = chain(grown, [1, -1] * 7)
+    grown.stage(record)
+    return record, grown, msgspec.msgpack.encode(grown.worth_keeping(record))
+
+
+@pytest.fixture
+def anew(monkeypatch):
+    """The number of experiments of each stage that is learned from the one before."""
+    found, following = [], Growth._following
+    monkeypatch.setattr(
+        Growth,
+        "_following",
+        lambda g, past, *rest: (found.append(past.answered), following(g, past, *rest))[1],
+    )
+    return found
+
+
+def recalling(content, **given):
+    other = growth(100, **given)
+    other.recall(msgspec.msgpack.decode(content, type=dict[bytes, KeptStage]))
+    return other
+
+
+def test_a_later_session_recalls_the_same_stages_and_goes_on_with_the_same_ones(kept, anew):
+    record, grown, content = kept
+    again = recalling(content)
+    for count in range(15, 4, -1):
+        assert same(again.stage(record.until(count)), grown.stage(record.until(count)))
+    assert anew == []
+    longer = chain(grown, [1, -1] * 8)
+    assert same(recalling(content).stage(longer), growth(100).stage(longer))
+    assert anew[:2] == [16, 17]  # the second one began with the first answer
+    assert anew[2:] == [*range(1, 18)]
+
+
+def test_what_was_learned_of_other_kpis_or_of_another_record_is_not_recalled(kept, anew):
+    record, _, content = kept
+
+    def otherwise(theta):
+        return trade_off(theta) | {"c": 0.2 + theta[0]}
+
+    other = recalling(content, simulate=otherwise).stage(record)
+    assert same(other, growth(100, otherwise).stage(record))
+    undone = chain(growth(100), [1, -1] * 6 + [1, 1])
+    anew.clear()
+    assert same(recalling(content).stage(undone), growth(100).stage(undone))
+    assert anew[0] == 15
 
 
 def test_a_stated_limit_is_measured_from_the_best_value_that_is_known_now():

@@ -9,9 +9,11 @@ import pytest
 
 from prefcal_agents import GLISp, GLISpSettings
 from prefcal_agents.glisp import fits
+from prefcal_agents.screening.bank import Growth
 from prefcal_app.session import Choice, actions, driver
 from prefcal_env.study import StudyFile, verify
 from support.interviews import begin, clock, judge, proceed, reopened, worked
+from support.screened import screening, simulated
 from toy_study import toy_scenario
 
 ANSWERS, KEPT = 11, 10
@@ -269,3 +271,30 @@ def test_nothing_is_kept_of_a_short_study_or_of_one_that_is_only_read(tmp_path):
     interview.close()
     interview.file.close()
     assert [path.name for path in tmp_path.iterdir()] == ["mine.prefcal"]
+
+
+def test_a_study_that_simulates_recalls_its_stages_too(tmp_path, monkeypatch):
+    path, alone = tmp_path / "mine.prefcal", tmp_path / "alone.prefcal"
+    interview = screening(n_max=20, path=path)
+    while interview.now().state.history.answered < ANSWERS:
+        question = proceed(interview).question
+        interview.do(actions.Answer(question.id, judge(question, interview.scenario.cost)))
+    interview.close()
+    interview.file.close()
+    shutil.copy(path, alone)  # without what was learned
+
+    def next_one(study):
+        again = reopened(simulated, study)
+        theta = proceed(again).state.history.samples[ANSWERS].theta
+        again.close()
+        again.file.close()
+        return theta
+
+    expected, following, anew = next_one(alone), Growth._following, []
+    monkeypatch.setattr(
+        Growth,
+        "_following",
+        lambda g, past, *rest: (anew.append(past.answered), following(g, past, *rest))[1],
+    )
+    assert next_one(path) == expected
+    assert anew == [ANSWERS]  # the study was closed before anything followed from the last answer
