@@ -1,6 +1,6 @@
 """Random wrong inputs are refused in one clear line; and the campaign that says so could fail.
 
-The same in full: python benchmarks/campaigns/wrong_inputs.py
+The same in full: python benchmarks/stress/wrong_inputs.py
 """
 
 import importlib
@@ -15,7 +15,7 @@ FEW = {"options": 20, "files": 2, "records": 16, "tables": 20, "requests": 40, "
 
 @pytest.fixture
 def campaign(monkeypatch):
-    monkeypatch.syspath_prepend(ROOT / "benchmarks" / "campaigns")
+    monkeypatch.syspath_prepend(ROOT / "benchmarks" / "stress")
     return importlib.import_module("wrong_inputs")
 
 

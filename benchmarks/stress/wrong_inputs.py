@@ -1,8 +1,8 @@
 """Throw random wrong inputs at every door of prefcal, and look for one that is not refused in one clear line.
 
-    python benchmarks/campaigns/wrong_inputs.py                     # 1,000 inputs: some minutes
-    python benchmarks/campaigns/wrong_inputs.py --count 60 --doors files taste
-    python benchmarks/campaigns/wrong_inputs.py --doors files --only 17   # one input again
+    python benchmarks/stress/wrong_inputs.py                     # 1,000 inputs: some minutes
+    python benchmarks/stress/wrong_inputs.py --count 60 --doors files taste
+    python benchmarks/stress/wrong_inputs.py --doors files --only 17   # one input again
 
 Doors are options and values of the commands, scenario files, own Python files, recorded runs, study files,
 best.json and verification.json, requests of a page, tables to choose from, and calls of `Taste`. Each input

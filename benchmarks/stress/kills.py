@@ -1,7 +1,7 @@
 """Kill `prefcal calibrate` at random instants while its page is answered, and look for what is lost.
 
-    python benchmarks/campaigns/kills.py               # 2,000 kills; hours
-    python benchmarks/campaigns/kills.py --kills 20 --kinds glisp
+    python benchmarks/stress/kills.py               # 2,000 kills; hours
+    python benchmarks/stress/kills.py --kills 20 --kinds glisp
 
 Whoever answers here is a program that posts what the page posts: verdicts, marks and undos, and at the end
 choices of another result and verifications; `prefcal verify` is killed, too. After each kill the study must

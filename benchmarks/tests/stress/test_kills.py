@@ -1,6 +1,6 @@
 """The campaign that kills prefcal tells what is lost; it would be worth nothing if it could not fail.
 
-The same in full: python benchmarks/campaigns/kills.py
+The same in full: python benchmarks/stress/kills.py
 """
 
 import importlib
@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[3]
 
 @pytest.fixture
 def kills(monkeypatch):
-    monkeypatch.syspath_prepend(ROOT / "benchmarks" / "campaigns")
+    monkeypatch.syspath_prepend(ROOT / "benchmarks" / "stress")
     return importlib.import_module("kills")
 
 
