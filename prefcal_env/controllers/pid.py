@@ -201,7 +201,7 @@ class PID:
         self.tracking = min(p["T_s"] / float(T_t), 1.0)
         """Share of what the limits cut off that leaves the integral in one sampling time."""
         self._integral: float | None = None
-        self._derivative, self._v = 0.0, 0.0
+        self._derivative, self._v, self._applied = 0.0, 0.0, 0.0
         self._r, self._y = 0.0, 0.0
 
     @classmethod
@@ -240,13 +240,26 @@ class PID:
 
     def move(self, measurement: Measurement) -> Move:
         """Decide the input; a reference that is NaN leaves it as it is."""
-        r = float(reference_of(measurement)[self.output])
-        # Without a reference the loop is open: the integral starts anew when there is one again.
-        if r != r:
-            self._integral = None
-            return Move(np.array(measurement.u, dtype=float))
-        y = float(outputs_of(measurement, self._plant)[self.output])
-        p, applied = self.parameters, float(measurement.u[self.input])
+        r, u = float(reference_of(measurement)[self.output]), np.array(measurement.u, dtype=float)
+        # Without a reference the loop is open, and an output may be missing, too.
+        y = float(outputs_of(measurement, self._plant)[self.output]) if r == r else r
+        u[self.input] = self.step(r, y, float(u[self.input]))
+        return Move(u)
+
+    def step(self, r: float, y: float, u: float | None = None) -> float:
+        """Return the input for a reference and a measured output, once every `T_s`.
+
+        Args:
+            r: Reference; NaN leaves the input as it is.
+            y: Measured output.
+            u: Input that acted since the last step, by which the integral follows an actuator that did
+                not follow, or a person; if left out, what `step` returned last, at first 0 within the limits.
+        """
+        p = self.parameters
+        applied = min(max(self._applied, p["low"]), p["high"]) if u is None else u
+        if r != r:  # the integral starts anew when there is a reference again
+            self._integral, self._applied = None, applied
+            return applied
         if self._integral is None:  # as if at rest: r = y, with the last input
             self._r, self._y, self._derivative = y, y, 0.0
             self._integral = applied - self._proportional()
@@ -259,9 +272,8 @@ class PID:
         change = (p["c"] * r - y) - before
         self._derivative = float(self.law.pole * (self._derivative + self.law.rise * change))
         self._v = self._proportional() + self._integral + self._derivative
-        u = np.array(measurement.u, dtype=float)
-        u[self.input] = min(max(self._v, p["low"]), p["high"])
-        return Move(u)
+        self._applied = float(min(max(self._v, p["low"]), p["high"]))
+        return self._applied
 
     def _proportional(self) -> float:
         p = self.parameters

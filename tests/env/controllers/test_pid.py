@@ -1,5 +1,7 @@
 """The PID as it runs, and the sampled law that it follows in linear loops."""
 
+from copy import deepcopy
+
 import numpy as np
 import pytest
 
@@ -48,6 +50,18 @@ def test_a_long_saturation_does_not_wind_the_integral_up():
 def test_the_first_move_at_rest_is_the_last_input():
     pid = PID(3.0, 4.0, 1.0, T_s=0.1)
     assert pid.move(seen(2.0, r=2.0, u=7.0)).u == pytest.approx(7.0)
+
+
+def test_a_step_from_numbers_is_the_move_and_starts_where_the_input_is():
+    pid, other = (PID(2.0, 5.0, 1.0, T_s=0.1, low=1.0, high=3.0) for _ in range(2))
+    u = 1.0  # the limit that is nearest to 0
+    for y, r in [(0.0, 0.5), (0.2, 0.5), (0.3, np.nan), (0.6, 0.5), (0.4, 9.0), (0.5, 0.5), (0.5, 0.4)]:
+        u = float(other.move(seen(y, r=r, u=u)).u[0])
+        assert pid.step(r, y) == u
+        assert 1.0 <= u <= 3.0
+    # What acted was something else: the integral follows it.
+    alone = deepcopy(pid)
+    assert pid.step(0.9, 0.5, 2.9) == other.move(seen(0.5, r=0.9, u=2.9)).u[0] != alone.step(0.9, 0.5)
 
 
 @pytest.mark.parametrize("b", [0.0, 0.3, 1.0])
