@@ -58,7 +58,7 @@ class Knob:
         KnobError: If the bounds are reversed, equal or infinite, lie so close that hardly a number
             fits between them, or have an infinite difference; if the range of a log10 knob holds 0,
             an integer knob has bounds that are not integers, `integer` is neither True nor False, the
-            name is empty, the unit is no text, the scale is unknown, or the step is negative, wider
+            name is empty, the unit is not text, the scale is unknown, or the step is negative, wider
             than the range, or a fraction for an integer knob.
     """
 

@@ -1,11 +1,11 @@
 """What is learned of one person from comparisons of KPIs: the door for data that no study asked for."""
 
-from collections.abc import Iterable, Mapping, Sequence, Sized
+from collections.abc import Iterable, Mapping, Sequence, Set, Sized
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from prefcal_env.arrays import integer
 from prefcal_env.errors import PreferenceError
@@ -68,10 +68,10 @@ class Told:
         try:
             answer, *sides = plain
             first, second = (Outcome.from_dict(dict(side)) for side in sides)
-            (said,) = _check([answer], [(first, second)]).tolist()
+            ((said, _),) = _check([answer], [(first, second)])
         except (TypeError, ValueError) as error:
             raise PreferenceError(f"an answer that travels cannot be {plain!r}") from error
-        return cls(said, first, second)
+        return cls(int(said), first, second)
 
     @property
     def plain(self) -> tuple[Any, ...]:
@@ -133,9 +133,9 @@ class Taste:
             PreferenceError: If the lengths differ, an answer is none of the three, a KPI is no number,
                 no experiment is given, or the seed is no whole number, 0 or more.
         """
-        said = _check(answers, kpis)
-        told = [Told(x, Outcome(a), Outcome(b)) for x, (a, b) in zip(said.tolist(), kpis, strict=True)]
-        return cls._of(told, seed, usual)
+        pairs = _check(answers, kpis)
+        told = [Told(int(answer), Outcome(a), Outcome(b)) for answer, (a, b) in pairs]
+        return cls._of(told, seed, _several("usual KPIs", usual))
 
     @classmethod
     def of(cls, history: History, seed: int = 0) -> "Taste":
@@ -195,8 +195,8 @@ class Taste:
         return self.scale(bank)
 
 
-def _check(answers: Sequence[int], kpis: Sequence[tuple[KPIs, KPIs]]) -> Int[np.ndarray, " m"]:
-    """Return the answers; raise PreferenceError if they are not about as many pairs of experiments."""
+def _check(answers: Sequence[int], kpis: Sequence[tuple[KPIs, KPIs]]) -> list[tuple[int, tuple[KPIs, KPIs]]]:
+    """Return each answer with its pair; raise PreferenceError if there are not as many of both."""
     answers, kpis = _several("answers", answers), _several("pairs of KPIs", kpis)
     if len(answers) != len(kpis):
         raise PreferenceError(f"each answer needs a pair of KPIs: {len(answers)} answers, {len(kpis)} pairs")
@@ -205,12 +205,12 @@ def _check(answers: Sequence[int], kpis: Sequence[tuple[KPIs, KPIs]]) -> Int[np.
             raise PreferenceError(f"an answer must be -1, 0 or 1, got {answer!r}")
         if isinstance(pair, Mapping) or not isinstance(pair, Sized) or len(pair) != 2:
             raise PreferenceError(f"a pair of KPIs must be two experiments, got {pair!r}")
-    return np.array([int(answer) for answer in answers], dtype=np.int64)
+    return list(zip(answers, kpis, strict=True))
 
 
 def _several(what: str, given: Sequence[Any]) -> Sequence[Any]:
     """Return what was given, in order; raise PreferenceError if it is one thing, and no sequence."""
-    if isinstance(given, str | Mapping) or not isinstance(given, Iterable):
+    if isinstance(given, str | Mapping | Set) or not isinstance(given, Iterable):
         raise PreferenceError(f"{what} must be several, in order, got {given!r}")
     return [*given]
 

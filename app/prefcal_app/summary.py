@@ -255,11 +255,11 @@ class Counts:
         """Return the counts of a study. A repeated question is not a new comparison."""
         given = [c.answer.preference for c in answered(state)]
         verdicts = {verdict: given.count(verdict) for verdict in (*Preference, None)}
-        return cls(len(tried(state)), len(given), verdicts)
+        return cls(len(list_shown(state)), len(given), verdicts)
 
 
-def tried(state: State) -> list[int]:
-    """Return the experiments that ran, in order, without one that ran ahead of an answer that was enough."""
+def list_shown(state: State) -> list[int]:
+    """Return the numbers of the experiments that ran; where few answers were enough, only of those shown."""
     asked = state.history.answered if state.ended == ENOUGH else len(state.history.samples)
     return [index for index in sorted(state.finished) if index < asked]
 

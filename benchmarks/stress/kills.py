@@ -113,6 +113,8 @@ class Visitor:
         now, screened = self.get("api/now"), self.get("api/simulated")
         if now["phase"] == "over" and screened is not None:
             unseen = [point for point in screened["points"] if point["number"] is None and not point["end"]]
+            if not unseen:  # all were chosen
+                return
             theta = dice.choice(unseen)["theta"]
             self.get(f"api/look?theta={','.join(map(repr, theta))}")
             self.post("choose", theta=theta, best=now["over"]["best"]["number"] - 1)
@@ -159,13 +161,13 @@ def disagreements(study: Path, visitor: Visitor) -> list[str]:
         with StudyFile.open(study, clock=str, reading=True) as file:
             index = file.state.history.incumbent or 0
             theta = list(file.state.history.samples[index].theta)
-        wrong = disagreeing(index + 1, theta, visitor)
+        wrong = compare_once(index + 1, theta, visitor)
         time.sleep(0.1)
     return wrong
 
 
-def disagreeing(number: int, theta: Sequence[float], visitor: Visitor) -> list[str]:
-    """Return what page and files do not say of an experiment of the study, which is its best one."""
+def compare_once(number: int, theta: Sequence[float], visitor: Visitor) -> list[str]:
+    """Return what of page and files does not name the best experiment of the study."""
     try:
         best, seen = json.loads(raw := visitor.text("report/best.json")), visitor.get("api/now")
         report, sheet = (words_of(visitor.text(f"report/{name}.html")) for name in ("report", "acceptance"))

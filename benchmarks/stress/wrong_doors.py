@@ -272,7 +272,7 @@ def _elsewhere(dice: Dice) -> Wrong:
             (("verify", path), (path[:40], "\\x07", "best.json")),
             (
                 ("studies", dice.choice(["show", "verify", "export", "delete", "import"]), path),
-                (path[:40], "\\x07", ""),
+                (path[:40], "a b"),  # a name is printed on one line
             ),
             (("studies", "rename", name, "b"), (name,)),
             (("look", "a.csv", path), (path[:40], "\\x07")),

@@ -145,7 +145,7 @@ class Channel:
         symbol: Mathtext symbol for plots.
 
     Raises:
-        ExperimentError: If name or unit is no text, `low` is not below `high`, or the band is negative.
+        ExperimentError: If name or unit is not text, `low` is not below `high`, or the band is negative.
     """
 
     name: str

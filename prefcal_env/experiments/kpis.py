@@ -415,7 +415,8 @@ class KPI:
         end = {"lower": self.at_most, "higher": self.at_least}.get(self.goal or "", np.inf)
         if not self.margin or not np.isfinite(end):
             return None
-        return self.read(end + (1 if self.goal == "higher" else -1) * _ROOM * abs(end))
+        aim = self.read(end + (1 if self.goal == "higher" else -1) * _ROOM * abs(end))
+        return None if aim == end else aim  # of a coarse one, a tenth cannot be read
 
     def read(self, value: float) -> float:
         """Return `value` as it is shown: in multiples of `step`, with four significant digits."""

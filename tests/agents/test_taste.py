@@ -160,11 +160,24 @@ def test_what_cannot_travel_is_refused(plain):
         ([1], 3, "pairs of KPIs must be several, in order, got 3"),
         ("1", [(TABLE[0], TABLE[1])], "answers must be several, in order, got '1'"),
         ([], [], "a taste needs the KPIs of experiments"),
+        ({1}, [(TABLE[0], TABLE[1])], "answers must be several, in order"),
     ],
 )
 def test_what_is_no_answer_is_refused(answers, kpis, message):
     with pytest.raises(PreferenceError, match=message):
         Taste.learn(answers, kpis)
+
+
+@pytest.mark.parametrize("usual", [3, "abc", {"a": 1.0}])
+def test_usual_kpis_that_are_none_are_refused(usual):
+    with pytest.raises(PreferenceError, match="usual KPIs must be several, in order, got"):
+        Taste.learn([1], [(TABLE[0], TABLE[1])], usual=usual)
+
+
+def test_answers_and_pairs_may_come_one_by_one():
+    pairs = [(TABLE[0], TABLE[1]), (TABLE[1], TABLE[2])]
+    one_by_one = Taste.learn(iter([1, -1]), iter(pairs), usual=iter(TABLE))
+    assert one_by_one.rank(TABLE) == Taste.learn([1, -1], pairs, usual=TABLE).rank(TABLE)
 
 
 @pytest.mark.parametrize("seed", [-1, 0.5, "a", None, [1]])

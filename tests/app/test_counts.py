@@ -21,6 +21,7 @@ from prefcal_app.session.study import ENOUGH
 from prefcal_app.summary import Planned
 from prefcal_app.terminal.showing import show_status
 from prefcal_app.view import now_view, status_view
+from prefcal_app.view.end import map_view
 from support.interviews import THREE, begin, judge, proceed, until_further, worked
 from support.screened import screening, simulated
 from toy_study import TOY, toy_scenario
@@ -90,7 +91,9 @@ def test_what_ran_ahead_of_the_last_answer_and_was_never_shown_does_not_count(mo
     assert state.ended == ENOUGH
     assert (len(state.finished), state.history.answered) == (4, 3)
     record = record_of(made, OPTIONS, {})
-    assert made.known.counts.experiments == len(record.trials) == 3
+    assert made.known.counts.experiments == len(record.trials) == made.known.simulated.shown == 3
+    numbers = {point["number"] for point in map_view(made)["points"]}
+    assert numbers == {None, 1, 2, 3}
     assert len(status_view(made)["tried"]["experiments"]) == summary(state)["experiments"] == 3
     assert "3 experiments, 2 comparisons" in page(record, [])
 

@@ -497,7 +497,7 @@ class Growth:
             return self._refine(History(), stage, near)
 
     def _limits(self, bank: Bank) -> Mapping[str, float]:
-        """Return the limits that people are taken to have: the aims, unless that costs an objective."""
+        """Return the limits that people are taken to have: all aims, or none if they cost an objective."""
         reading = self.simulations.reading
         if not reading.aims:
             return reading.limits
@@ -550,7 +550,8 @@ class Growth:
             scale, utilities = Scale.of(bank, spread, self._limits(bank)), stage.utilities
             if scale.names != stage.scale.names:  # a KPI was always the same before: begin again
                 before, utilities = History(), self._draw(scale, self._rng(History(), _LEARN))
-            elif not np.array_equal(scale.limits, stage.scale.limits):  # a KPI found a better value
+            # A KPI found a better value, or room to a margin costs no objective any more.
+            elif not np.array_equal(scale.limits, stage.scale.limits):
                 utilities = limit(scale, utilities)
             utilities = self._learn(past, before, bank, scale, utilities)
             judges = _GUIDES if near else _JUDGES

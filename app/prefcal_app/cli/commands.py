@@ -82,7 +82,7 @@ def _common(
             "calibrate pid --plant model.py:plant",
             "A PID on your own plant; knobs, set point and duration are found.",
         ),
-        ("calibrate pid --plant step.csv", "A PID on the plant that a record of a step test tells."),
+        ("calibrate pid --plant step.csv", "A PID on the plant that a record of a step test shows."),
         ("calibrate tank.toml", "A scenario in a short file (`prefcal new` writes one)."),
         ("calibrate cstr --host 0.0.0.0 --no-browser", "Answer from another machine, by a link."),
     )
@@ -154,7 +154,7 @@ may have units, as in "level \\[m]".
 )
 @takes(IdentifyOptions)
 def identify(typed: dict[str, Any]) -> None:
-    """Find the plant that a record of a step test tells, and what the record leaves open.
+    """Find the plant that a record of a step test shows, and what the record leaves open.
 
     Prints its numbers with 90 % intervals, draws the model over the record, and
     keeps the plant in a file beside it, for `calibrate pid --plant`. `verify` and

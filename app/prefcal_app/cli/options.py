@@ -82,7 +82,7 @@ class Options(Described):
 
     Args:
         calibrator: Who compares: human, or one of the scenario's synthetic calibrators.
-        by: Your name, which the acceptance sheet says.
+        by: Your name, for the acceptance sheet.
         agent: Who proposes.
         simulate: Number of experiments to simulate unseen. The agent screening learns from your
             answers which of them you would like, and shows only a few. 0: run only what is shown,

@@ -14,7 +14,7 @@ from prefcal_agents.registry import agent_class
 from prefcal_app.report.record import StudyRecord, gain_of, result_table
 from prefcal_app.session import Interview
 from prefcal_app.session.study import trust_text
-from prefcal_app.summary import tried
+from prefcal_app.summary import list_shown
 from prefcal_app.terminal.showing import say
 from prefcal_app.view.end import baseline_of
 from prefcal_env.experiments.experiment import Experiment
@@ -36,7 +36,7 @@ def record_of(interview: Interview, options: Options, references: Mapping[str, E
     then, today = _fingerprints(options, state)
     agent = state.configuration["agent"]
     winners = state.history.incumbents()  # after each closed query; the last is the best now
-    waiting = [index for index in tried(state) if index >= state.history.answered]
+    waiting = [index for index in list_shown(state) if index >= state.history.answered]
     # What prefcal says of the result comes when it is ready, which is nothing that anybody did.
     times = [each.at for each in interview.file.events() if not isinstance(each.event, Concluded)]
     return StudyRecord(

@@ -399,8 +399,10 @@ def equations(plant: LinearPlant) -> str:
         terms = [f"{_fraction(e, late[i, j])} {names[j]}" for j, e in enumerate(entries) if e.B.any() or e.D]
         rows.append(f"{output.name} = {' + '.join(terms) or 0}".replace("+ −", "− "))
     if max(sizes) > _ORDER:
-        digest = sha256(b"".join(np.ascontiguousarray(M).tobytes() for M in (J.A, J.B, J.C, J.D))).hexdigest()
-        return f"{plant.name}: linear, {len(J.A)} states, SHA-256 of its matrices {digest[:16]}…"
+        numbers = (J.A, J.B, J.C, J.D, late, np.array(J.dt))
+        digest = sha256(b"".join(np.ascontiguousarray(M).tobytes() for M in numbers)).hexdigest()
+        held = "matrices, dead times and sampling time"
+        return f"{plant.name}: linear, {len(J.A)} states, SHA-256 of its {held} {digest[:16]}…"
     time = f"z of a sample of {number(J.dt)} {unit}" if J.dt else f"time in {unit}"
     return f"{'; '.join(rows)} ({time})"
 

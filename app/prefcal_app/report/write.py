@@ -262,12 +262,12 @@ def _margins(rows: Sequence[Sequence[str]], basis: str) -> str:
     return _sentences([f"{', '.join(words)}: {basis}"])
 
 
-def fitted(found: Answers, room: float, rest: str, lines: int = 2) -> Answers:
+def fit(found: Answers, room: float, rest: str, lines: int = 2) -> Answers:
     """Return answers in `room` mm: the longest are cut, to `lines` at least, and the file `rest` has all."""
     most = max((len(answer) for _, answer in found), default=0)
     cut = found
     while _height_of(cut) > room and most > lines * _WIDE:
-        most -= _WIDE
+        most = max(most - _WIDE, lines * _WIDE)
         cut = [(question, _short(answer, most, rest)) for question, answer in found]
     return cut
 
@@ -322,9 +322,9 @@ def _holds(verified: Verified, room: float) -> Answers:
     """Return what was verified, in `room` mm: what varied gives way to curves, and curves to verdicts."""
     *verdicts, varied, others = verified_answers(verified)
     rest = room - _LOW
-    found = [*verdicts, *fitted([varied, others], rest - _height_of(verdicts), VERIFICATION)]
-    beside = fitted(found, rest, VERIFICATION, lines=3)
-    return beside if left(room, beside) else fitted(found, room, VERIFICATION)
+    found = [*verdicts, *fit([varied, others], rest - _height_of(verdicts), VERIFICATION)]
+    beside = fit(found, rest, VERIFICATION, lines=3)
+    return beside if left(room, beside) else fit(found, room, VERIFICATION)
 
 
 def _renew(path: Path, made: Callable[[float], str]) -> None:
@@ -505,7 +505,7 @@ def sheet_of(record: StudyRecord) -> dict[str, Any]:
     limits = list(kept)[: _MOST_ROWS - _LEAST]
     limits.append(_row("run ended", "", before.experiment.end.value, after.experiment.end.value))
     room = _PAGE - _height(knobs[:_MOST_ROWS]) - _height(limits) - 2 * _ROW  # for what has no room
-    asked = fitted(answers(record), room - _ROW * _FEW - LINE * MOST_VERIFIED, REPORT)
+    asked = fit(answers(record), room - _ROW * _FEW - LINE * MOST_VERIFIED, REPORT)
     room -= _height_of(asked)
     shown = list(kpis)
     while len(shown) > _MOST_ROWS - len(limits) or (

@@ -21,6 +21,7 @@ from prefcal_app.summary import (
     answered,
     falls_outward,
     foreseen,
+    list_shown,
     others_unbeaten,
     outlook,
 )
@@ -239,7 +240,7 @@ def simulated(driver: Driver) -> SimulationCounts | None:
     agent = cast(Screening, driver.agent)
     planned = agent.n_simulated
     # What was simulated for answers that were not given is not counted.
-    shown = len(driver.study.state.finished)
+    shown = len(list_shown(driver.study.state))
     count, failed = min(simulator.count, planned), simulator.failed
     if screened is not None:
         count, failed = len(screened.bank.failed), int(screened.bank.failed.sum())

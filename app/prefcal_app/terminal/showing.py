@@ -210,7 +210,7 @@ def _title(name: str, side: Mapping[str, Any]) -> str:
 
 
 def show_kpis(rows: Iterable[Mapping[str, Any]], console: Console, names: Mapping[str, str]) -> None:
-    """Print the KPIs of two sides, as `compared` returns them; the better one is bold.
+    """Print the KPIs of two sides, as `compare` returns them; the better one is bold.
 
     The title of each group, such as a maneuver, is on a line of its own.
 

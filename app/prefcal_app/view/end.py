@@ -16,7 +16,7 @@ from prefcal_agents.screening.findings import Findings
 from prefcal_app.session import Interview, Now, Outlook, Question, Side
 from prefcal_app.session.study import is_robust, why_over
 from prefcal_app.simulating import Screened, as_shown, at_stake, menu_names, offer, why
-from prefcal_app.summary import Spread, after_a_slip, compare, unmeasured
+from prefcal_app.summary import Spread, after_a_slip, compare, list_shown, unmeasured
 from prefcal_env.controllers.written import (
     ANTI_WINDUP,
     EQUATIONS,
@@ -86,7 +86,7 @@ def menu_view(interview: Interview) -> list[dict[str, Any]]:
         return []
     now = interview.now()
     samples = now.state.history.samples
-    shown = {screened.row(np.array(sample.theta)) for sample in samples}
+    shown = {screened.row(np.array(samples[index].theta)) for index in list_shown(now.state)}
     best = None if now.incumbent is None else screened.row(np.array(samples[now.incumbent].theta))
     placed = [(other, screened.row(np.array(other.theta))) for other in found.menu]
     kept = [(other, row) for other, row in placed if row is not None and row not in shown]
@@ -142,7 +142,7 @@ def map_view(interview: Interview) -> dict[str, Any] | None:
     axes = _axes(screened, scenario)
     rows = {
         index: screened.row(np.array(now.state.history.samples[index].theta))
-        for index in sorted(now.state.finished)
+        for index in list_shown(now.state)
     }
     # Of a time, what has no value never happened.
     time_unit = interview.past.experiment(min(rows)).channels.time_unit if rows else ""

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from prefcal_app.session import Consistency, Interview, Now, Phase
 from prefcal_app.session.study import GOOD_ENOUGH, trust_text
-from prefcal_app.summary import VERDICTS, tried
+from prefcal_app.summary import VERDICTS, list_shown
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.history import Comparison
@@ -280,7 +280,7 @@ def _tried(interview: Interview, now: Now) -> dict[str, Any]:
                 "ended": interview.past.end(index).value,
                 "marks": marks_of(state, index, interrupted),
             }
-            for index in tried(state)
+            for index in list_shown(state)
         ],
     }
 

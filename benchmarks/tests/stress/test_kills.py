@@ -96,6 +96,6 @@ AGREEING = {
 def test_what_is_not_of_the_best_experiment_is_told(kills, name, text, what):
     visitor, held = kills.Visitor.__new__(kills.Visitor), AGREEING
     visitor.text = lambda name: held[name]
-    assert kills.disagreeing(2, [1.0], visitor) == []
+    assert kills.compare_once(2, [1.0], visitor) == []
     held = AGREEING | {name: text}
-    assert kills.disagreeing(2, [1.0], visitor) == [f"{what}: not of experiment 2 of the study, [1.0]"]
+    assert kills.compare_once(2, [1.0], visitor) == [f"{what}: not of experiment 2 of the study, [1.0]"]

@@ -309,7 +309,8 @@ def _miss_words(kpi: KPI) -> str:
 
 def _kept_margin(kpi: KPI, value: float) -> str:
     """Return whether a margin keeps its limit, and whether a tenth is left of that, in words."""
-    room = kpi.aim is None or kpi.badness(value) <= kpi.badness(kpi.aim)
+    aim = kpi.aim
+    room = aim is None or (value >= aim if kpi.goal == "higher" else value <= aim)
     verdict = (
         "NOT kept" if not kpi.met(value) else "kept" if room else "kept, with less than a tenth to spare"
     )

@@ -12,7 +12,7 @@ from prefcal_app.report.record import StudyRecord
 from prefcal_app.report.write import (
     FILE,
     answers,
-    fitted,
+    fit,
     page,
     refresh,
     sheet,
@@ -155,13 +155,15 @@ def test_a_folder_without_a_sheet_gets_none(tmp_path):
 
 def test_what_has_no_room_is_cut_the_longest_first_and_never_where_all_fits():
     found = [("Who", "a " * 50), ("Why", "words " * 200)]
-    assert fitted(found, 100.0, "report.html") == found
-    (_, who), (_, why) = fitted(found, 20.0, "report.html")
+    assert fit(found, 100.0, "report.html") == found
+    (_, who), (_, why) = fit(found, 20.0, "report.html")
     assert who == found[0][1]
     assert why.endswith(" … (report.html has all)")
     assert found[1][1].startswith(why.partition(" …")[0])
-    (_, shorter) = fitted(found, 10.0, "report.html")[1]
+    (_, shorter) = fit(found, 10.0, "report.html")[1]
     assert len(shorter) < len(why)
+    (_, least) = fit([("Why", "word " * 65)], 0.0, "report.html", lines=3)[0]
+    assert len(least) > 2 * 107, "three lines of some 107 characters are kept"
 
 
 def test_a_pid_is_given_as_control_systems_ask_for_it():

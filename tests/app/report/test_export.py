@@ -79,9 +79,14 @@ def test_a_linear_plant_is_written_as_transfer_functions(system, given, text):
 
 
 def test_a_plant_too_large_to_read_has_a_digest_that_tells_it_from_others():
-    one, same, other = (equations(Plant.of(([k], [1, 5, 10, 10, 5, 1]))) for k in (1.0, 1.0, 1.1))
-    assert one.startswith("plant: linear, 5 states, SHA-256 of its matrices ")
-    assert one == same != other
+    gains, waits = (1.0, 1.0, 1.1, 1.0), (1.0, 1.0, 1.0, 9.0)
+    one, same, *others = (
+        equations(Plant.of(([k], [1, 5, 10, 10, 5, 1]), delay=wait))
+        for k, wait in zip(gains, waits, strict=True)
+    )
+    assert one.startswith("plant: linear, 5 states, SHA-256 of its matrices, dead times and ")
+    assert one == same
+    assert len({one, *others}) == 3
 
 
 def test_the_model_of_a_study_is_named_by_its_file_and_its_digest_or_by_its_page(tmp_path):

@@ -290,11 +290,9 @@ def test_a_study_that_simulates_recalls_its_stages_too(tmp_path, monkeypatch):
         again.file.close()
         return theta
 
-    expected, following, anew = next_one(alone), Growth._following, []
+    expected, following, anew = next_one(alone), Growth._follow, []
     monkeypatch.setattr(
-        Growth,
-        "_following",
-        lambda g, past, *rest: (anew.append(past.answered), following(g, past, *rest))[1],
+        Growth, "_follow", lambda g, past, *rest: (anew.append(past.answered), following(g, past, *rest))[1]
     )
     assert next_one(path) == expected
     assert anew == [ANSWERS]  # the study was closed before anything followed from the last answer

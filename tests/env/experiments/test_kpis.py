@@ -375,6 +375,8 @@ def test_an_output_is_what_is_measured_also_where_a_state_has_its_name():
         ({"at_least": 45.0, "resolution": 0.1}, 49.5),
         ({"at_least": 0.6, "resolution": 0.001}, 0.66),
         ({"at_least": 6.0, "at_most": 12.0}, None),  # the middle of a range has room to both sides
+        ({"at_most": 2.0, "better": "lower", "resolution": 0.5}, None),  # a tenth of it cannot be read
+        ({"at_most": 0.0, "better": "lower"}, None),
         ({"better": "lower"}, None),
         ({"at_least": 1.0, "better": "lower"}, None),
         ({}, None),

@@ -26,7 +26,9 @@ def channels(draw, count):
     for k in range(count):
         low, high = draw(limits)
         target = draw(st.none() | finite)
-        made.append(Channel(f"{draw(texts)}{k}", draw(texts), low, high, target, draw(st.none() | finite)))
+        made.append(
+            Channel(f"{draw(texts)}{k}", draw(texts), low, high, target, draw(st.none() | finite.map(abs)))
+        )
     return tuple(made)
 
 

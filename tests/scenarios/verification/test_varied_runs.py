@@ -106,6 +106,10 @@ def test_a_limit_on_a_margin_is_that_of_the_nominal_loop_and_the_runs_have_a_ver
     for limit, words in ((3.9, "required ≤ 3.9: NOT kept."), (5.0, "required ≤ 5: kept.")):
         other = replace(found, kpis=(kpis[0], replace(kpis[1], at_most=limit)))
         assert other.margin_verdict.endswith(words)
+    endless = KPI("pull", "stiffness", at_least=6.0, margin=True)
+    nominal = replace(found.tuning.nominal, kpis={"pull": np.inf})
+    other = replace(found, kpis=(endless,), tuning=replace(found.tuning, nominal=nominal))
+    assert other.margin_verdict == "Margins of the nominal loop: stiffness ∞, required ≥ 6: kept."
 
 
 def test_beside_some_failed_runs_stands_what_to_do_next():
