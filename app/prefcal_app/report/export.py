@@ -204,14 +204,14 @@ def _about(content: Mapping[str, Any], channels: Channels, digest: str) -> str:
         f"experiment {content.get('experiment', '?')}. SHA-256 of best.json: {digest[:16]}..."
     )
     said = " ".join(f"{c.name} {c.unit}" for c in (*channels.x, *channels.u, *channels.y))
-    # A plant that a record of a step test shows may be one of changes, and says so.
+    # Of a step test, for example: its limits are no readings then, and a valve must not get them.
     if "changes from" not in str(content.get("title")) and not re.search(
         r"\bchanges?\b", said, re.IGNORECASE
     ):
         return about
     return (
-        "ATTENTION: tuned on changes. All signals and limits are changes from where the record started: "
-        f"subtract the start from what is measured and set, and add it to what this returns. {about}"
+        "ATTENTION: tuned on changes. All signals and limits are changes from a start: "
+        f"subtract it from what is measured and set, and add that of the input to what this returns. {about}"
     )
 
 
