@@ -37,11 +37,14 @@ BOTH, ALL = "ISA, parallel", "all"
 EQUATIONS: Mapping[str, str] = {
     ISA: "K_p (e + 1/T_i ∫e dt + T_d de/dt)",
     PARALLEL: "K_p e + K_i ∫e dt + K_d de/dt",
-    SERIES: "K_p′ (1 + 1/(T_i′ s)) (1 + T_d′ s) e",
-    PERCENT: "the ISA form with input and output in percent of their ranges",
+    SERIES: "K_p′ (1 + 1/(T_i′ s)) (1 + T_d′ s)/(1 + T_f s) e",
+    PERCENT: "with input and output in percent of their ranges; K′ and PB′ are of the series form",
 }
 """Forms, with what they are of the error e = r - y."""
-FILTERED = "T_f = T_d/N filters the derivative only. K_p above 0 is reverse action, below 0 direct action."
+FILTERED = (
+    "T_f = T_d/N filters the derivative only, but in the series form all of it. "
+    "K_p above 0 is reverse action, below 0 direct action."
+)
 """What holds for all forms."""
 ANTI_WINDUP = (
     "Against windup the integral also gets ∫(u − v)/T_t dt: v is the output before the limits, u after them."
@@ -74,24 +77,35 @@ def pid_forms(
     Raises:
         SettingsError: If `time` cannot be converted to `shown`, or a span is not above 0 and finite.
     """
-    kind = settings.get("controller")
-    pids = [settings] if kind == "PID" else settings.get("pids", []) if kind == "Decentralized" else []
-    if not all(pid.keys() >= _NEEDED for pid in pids):
-        return ()  # of somebody's own controller of this name
     scale = conversion(time, shown or time)
     if scale is None:
-        raise SettingsError(f"times in {time or 'no unit'} cannot be shown in {shown!r}: give s, min or h")
+        what = f"in {time} cannot be shown in {shown!r}: give s, min or h"
+        none = f"in no unit cannot be shown in {shown!r}: the plant says none, so leave the unit out"
+        raise SettingsError(f"times {what if time else none}")
     if spans is not None and not all(0 < span < inf for span in spans):
         raise SettingsError(f"the ranges of output and input must be above 0 and finite, got {spans}")
     found: list[PIDParameter] = []
+    pids = _pids(settings)
     for number, pid in enumerate(pids, start=1):
         end = f"_{number}" if len(pids) > 1 else ""
         times = ("T_i", "T_d", "T_s", *(["T_t"] if pid.get("T_t") is not None else []))
         scaled = {n: _time(pid[n]) * scale.factor for n in times}
         found += _forms({**pid, **scaled}, end, units.get(f"K_p{end}", ""), shown or time)
         if spans is not None:
-            found += _in_percent(pid["K_p"] * spans[0] / spans[1], end)
+            found += _in_percent(found, spans[0] / spans[1], end)
     return tuple(found)
+
+
+def _pids(settings: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
+    """Return the settings of the PIDs; () of other controllers, such as somebody's own of this name."""
+    kind = settings.get("controller")
+    pids = [settings] if kind == "PID" else settings.get("pids", []) if kind == "Decentralized" else []
+    try:
+        for pid in pids:
+            PID.of_data({name: pid[name] for name in _NEEDED})
+    except (KeyError, TypeError, SettingsError):
+        return ()
+    return list(pids)
 
 
 def _time(value: float | None) -> float:
@@ -140,11 +154,15 @@ def _series(K: float, T_i: float, T_d: float, T_f: float) -> tuple[float, float,
     return K * (lag / T_i), lag, T_i / lag * (T_d + T_f)
 
 
-def _in_percent(gain: float, end: str) -> Iterator[PIDParameter]:
-    yield PIDParameter(PERCENT, f"K{end}", gain, "%/%", "K_p times range of y / range of u")
-    yield PIDParameter(
-        PERCENT, f"PB{end} (proportional band)", 100 / abs(gain) if gain else inf, "%", "100 %/|K|"
-    )
+def _in_percent(found: Sequence[PIDParameter], ratio: float, end: str) -> Iterator[PIDParameter]:
+    """Yield gain and band in percent of the ISA form, and of the series form if there is one."""
+    gains = {p.name: p.value for p in found}
+    for sign in ("", "′"):
+        K = gains[f"K_p{sign}{end}"] * ratio
+        if K == K:
+            band = 100 / abs(K) if K else inf
+            yield PIDParameter(PERCENT, f"K{sign}{end}", K, "%/%", f"K_p{sign} range of y / range of u")
+            yield PIDParameter(PERCENT, f"PB{sign}{end} (proportional band)", band, "%", f"100 %/|K{sign}|")
 
 
 # --- The controller as a program: sample by sample what `move` does.
@@ -201,25 +219,56 @@ def as_code(
     return _lqr(controller, channels, name, about)
 
 
-_RESERVED = (
-    " auto break case char const continue default do double else enum extern float for goto if inline "
-    "int long register restrict return short signed sizeof static struct switch typedef union "
-    "unsigned void volatile while main program configuration resource function function_block var "
-    "end_var real lreal sint dint lint usint uint udint ulint bool byte word dword lword true false "
-    "and or xor not mod of to by on at with then elsif repeat until exit type array string wstring "
-    "time date tod dt action step transition retain constant task interval priority read_only "
-    "read_write limit min max sel mux abs sqrt ln log exp sin cos tan sr rs sema r_trig f_trig ctu "
-    "ctd ctud tp ton tof rtc pid integral derivative hysteresis ramp "
+_TYPES = (
+    "bool byte word dword lword sint int dint lint usint uint udint ulint real lreal time ltime date ldate "
+    "tod ltod dt ldt time_of_day date_and_time string wstring char wchar bcd"
 )
-"""Words and usual blocks of C or of structured text, where upper and lower case are the same."""
+_WORDS = (
+    # C, and C++, which reads the header, too
+    "alignas alignof and and_eq asm atomic auto bitand bitor break case catch char8_t char16_t char32_t "
+    "class co_await co_return co_yield compl concept const const_cast consteval constexpr constinit "
+    "continue decltype default delete do double dynamic_cast else enum errno explicit export extern false "
+    "float for friend goto if inline int long main mutable namespace new noexcept not not_eq null nullptr "
+    "operator or or_eq private protected public register reinterpret_cast requires restrict return short "
+    "signed sizeof static static_assert static_cast struct switch template this thread_local throw true "
+    "try typedef typeid typename typeof union unsigned using virtual void volatile wchar_t while xor xor_eq "
+    # its functions, which compilers know without a header
+    "abort abs acos acosh asin asinh atan atan2 atanh calloc cbrt ceil cos cosh erf erfc exit exp exp2 expm1 "
+    "fabs fdim floor fma fmax fmin fmod free frexp gamma hypot isalpha isdigit isinf isnan j0 j1 jn labs "
+    "ldexp lgamma log log10 log1p log2 logb lround malloc memcpy memset modf nan pow printf putchar puts "
+    "realloc remainder rint round scalb sin sinh sqrt strlen tan tanh tgamma trunc y1 yn "
+    # structured text
+    "abstract action any array at by configuration constant elsif exit extends f_edge final from function "
+    "function_block get implements initial_step interface internal interval limit method mod non_retain of "
+    "on overlap override persistent pointer priority program property r_edge read_only read_write ref "
+    "ref_to reference repeat resource retain set single step super task then to transition type until var "
+    "with "
+    # its functions, blocks and instructions
+    "add add_time and andn cal calc calcn concat concat_date_tod ctd ctu ctud delete derivative div div_time "
+    "eq expt f_trig find ge gt hysteresis insert integral jmp jmpc jmpcn ld ldn le left len limit ln lt max "
+    "mid min move mul mul_time mux ne orn pid r ramp replace ret retc retcn right rol ror rs rtc r_trig s "
+    "sel sema shl shr sr st stn sub sub_time tof ton tp xorn"
+)
+
+
+def _reserved() -> set[str]:
+    """Return the names that are taken, where upper and lower case are the same."""
+    parts = (_ESTIMATED, _MEASURED, _REFERENCES, _SUMS, _STEPS, _CUT, _SUMMED)
+    programs = "\n".join((_STRUCTURED_TEXT, _C, _LQR, *parts)).lower()
+    code = re.sub(r"\(\*.*?\*\)|/\*.*?\*/|\$\{?\w+\}?\w*", "", programs, flags=re.DOTALL)
+    types = _TYPES.split()
+    turned = {f"{one}_to_{other}" for one in types for other in types}
+    return {*types, *_WORDS.split(), *re.findall(r"[a-z]\w*", code), *turned}
 
 
 def _check_name(name: str) -> None:
-    plain = re.fullmatch(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*", name)
-    if plain is None or f" {name.lower()} " in _RESERVED:
+    plain, low = re.fullmatch(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*", name), name.lower()
+    # VAR_INPUT, END_IF and so on: systems have more of them than the standard.
+    if plain is None or low.startswith(("var_", "end_")) or low in _reserved():
         raise SettingsError(
             "the name of a controller's code must be letters, digits and single underscores, start with a "
-            f"letter, and be no word of C or structured text, got {name!r}"
+            "letter, and be no word of C or structured text and no name within the program, "
+            f"got {name!r}"
         )
 
 
@@ -258,10 +307,11 @@ _STRUCTURED_TEXT = """\
 (* $about *)
 FUNCTION_BLOCK $name
 VAR_INPUT
-  AUTO : BOOL := TRUE; (* FALSE: manual. U follows ACTED, and the way back is bumpless *)
-  SP : LREAL; (* set point, in the unit of PV *)
+  AUTO : BOOL := TRUE; (* FALSE: manual, U is HAND *)
+  HAND : LREAL; (* what U is in manual, within the limits *)
+  SP : LREAL; (* set point, in the unit of PV. It should be PV in manual, for no jump at the way back *)
   PV : LREAL; (* $pv. If it is bad, set AUTO to FALSE *)
-  ACTED : LREAL; (* what acted since the last call: read-back of the actuator, or U; in manual by hand *)
+  ACTED : LREAL; (* what acted since the last call, in the unit of U: U, or what a rate limiter made of it *)
 END_VAR
 VAR_OUTPUT
   U : LREAL; (* $u *)
@@ -271,7 +321,7 @@ VAR CONSTANT
   WEIGHT_P : LREAL := $weight_p; (* b, set-point weight of the proportional part *)
   WEIGHT_D : LREAL := $weight_d; (* c, set-point weight of the derivative part *)
   PER_SAMPLE : LREAL := $integral; (* K_p T_s / T_i *)
-  TRACKING : LREAL := $tracking; (* T_s / T_t: share of what limits cut off that leaves the integral *)
+  TRACKING : LREAL := $tracking; (* T_s / T_t: share of ACTED less what was wanted, for the integral *)
   POLE : LREAL := $pole; (* T_d / (T_d + N T_s), of the derivative filter *)
   RISE : LREAL := $rise; (* K_p N *)
   U_LOW : LREAL := $low; (* $least *)
@@ -288,26 +338,26 @@ VAR
 END_VAR
 IF NOT AUTO THEN
   running := FALSE;
-  U := ACTED;
-  RETURN;
-END_IF;
-IF NOT running THEN
-  (* bumpless: as if the loop had been at rest with the last input *)
-  running := TRUE;
-  last_sp := PV;
-  last_pv := PV;
-  d_part := 0.0;
-  i_part := ACTED - GAIN * (WEIGHT_P * PV - PV);
+  U := HAND;
 ELSE
-  i_part := i_part + PER_SAMPLE * (last_sp - last_pv);
-  i_part := i_part + TRACKING * (ACTED - wanted); (* anti-windup by back-calculation *)
+  IF NOT running THEN
+    (* as if the loop had been at rest with ACTED: U starts there, moved by what SP differs from PV *)
+    running := TRUE;
+    last_sp := PV;
+    last_pv := PV;
+    d_part := 0.0;
+    i_part := ACTED - GAIN * (WEIGHT_P * PV - PV);
+  ELSE
+    i_part := i_part + PER_SAMPLE * (last_sp - last_pv);
+    i_part := i_part + TRACKING * (ACTED - wanted); (* anti-windup by back-calculation *)
+  END_IF;
+  before := WEIGHT_D * last_sp - last_pv;
+  last_sp := SP;
+  last_pv := PV;
+  d_part := POLE * (d_part + RISE * (WEIGHT_D * SP - PV - before));
+  wanted := GAIN * (WEIGHT_P * SP - PV) + i_part + d_part;
+  U := wanted;
 END_IF;
-before := WEIGHT_D * last_sp - last_pv;
-last_sp := SP;
-last_pv := PV;
-d_part := POLE * (d_part + RISE * (WEIGHT_D * SP - PV - before));
-wanted := GAIN * (WEIGHT_P * SP - PV) + i_part + d_part;
-U := wanted;
 IF U > U_HIGH THEN
   U := U_HIGH;
 END_IF;
@@ -328,39 +378,42 @@ typedef struct {
 } ${name}_state; /* one for each loop, all zeros at the start: static ${name}_state state; */
 
 /* Return u: $u.
-   automatic: 0 is manual. Then it returns acted, and the way back is bumpless.
-   sp, pv: set point and $pv. If it is bad, set automatic to 0.
-   acted: what acted since the last call: read-back of the actuator, or what this returned; in manual
-   what was set by hand. */
-static inline double $name(${name}_state *m, int automatic, double sp, double pv, double acted)
+   automatic: 0 is manual. Then it returns hand, within the limits.
+   sp, pv: set point and $pv. If it is bad, set automatic to 0. In manual sp should be pv, for no
+   jump at the way back.
+   acted: what acted since the last call, in the unit of u: what this returned, or what a rate limiter
+   made of it. */
+static inline double $name(
+    ${name}_state *m, int automatic, double hand, double sp, double pv, double acted)
 {
     const double gain = $gain; /* K_p */
     const double weight_p = $weight_p, weight_d = $weight_d; /* set-point weights b and c */
     const double per_sample = $integral; /* K_p T_s / T_i */
-    const double tracking = $tracking; /* T_s / T_t: share of what limits cut off that leaves the integral */
+    const double tracking = $tracking; /* T_s / T_t: share of acted less what was wanted, for the integral */
     const double pole = $pole; /* T_d / (T_d + N T_s), of the derivative filter */
     const double rise = $rise; /* K_p N */
     const double low = $low, high = $high; /* $least, $most */
-    double before;
+    double before, u = hand;
     if (!automatic) {
         m->running = 0;
-        return acted;
-    }
-    if (!m->running) { /* bumpless: as if the loop had been at rest with the last input */
-        m->running = 1;
-        m->last_sp = m->last_pv = pv;
-        m->derivative = 0.0;
-        m->integral = acted - gain * (weight_p * pv - pv);
     } else {
-        m->integral += per_sample * (m->last_sp - m->last_pv);
-        m->integral += tracking * (acted - m->wanted); /* anti-windup by back-calculation */
+        if (!m->running) { /* as if at rest with acted: u starts there, moved by what sp differs from pv */
+            m->running = 1;
+            m->last_sp = m->last_pv = pv;
+            m->derivative = 0.0;
+            m->integral = acted - gain * (weight_p * pv - pv);
+        } else {
+            m->integral += per_sample * (m->last_sp - m->last_pv);
+            m->integral += tracking * (acted - m->wanted); /* anti-windup by back-calculation */
+        }
+        before = weight_d * m->last_sp - m->last_pv;
+        m->last_sp = sp;
+        m->last_pv = pv;
+        m->derivative = pole * (m->derivative + rise * (weight_d * sp - pv - before));
+        m->wanted = gain * (weight_p * sp - pv) + m->integral + m->derivative;
+        u = m->wanted;
     }
-    before = weight_d * m->last_sp - m->last_pv;
-    m->last_sp = sp;
-    m->last_pv = pv;
-    m->derivative = pole * (m->derivative + rise * (weight_d * sp - pv - before));
-    m->wanted = gain * (weight_p * sp - pv) + m->integral + m->derivative;
-    return m->wanted > high ? high : m->wanted < low ? low : m->wanted;
+    return u > high ? high : u < low ? low : u;
 }
 
 #endif

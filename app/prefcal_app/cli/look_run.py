@@ -270,4 +270,6 @@ def _spans(ranges: str) -> tuple[float, float] | None:
     if found is None:
         raise SettingsError(f"--ranges must look like 0:200,0:100, output then input, got {ranges!r}")
     low, high, least, most = map(float, found.groups())
+    if not (low < high and least < most):
+        raise SettingsError(f"--ranges must have low first, then high, of output and input, got {ranges!r}")
     return high - low, most - least

@@ -2,6 +2,7 @@
 
 import json
 import platform
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
@@ -158,6 +159,8 @@ def export_controller(
 ) -> str:
     """Return the controller of a best.json in the form of the plant's system.
 
+    Nothing but the file is read, and no code of a user is executed.
+
     Args:
         path: Path of the file.
         to: "st" for IEC 61131-3 structured text and "c" for C99, which do sample by sample what the
@@ -168,29 +171,48 @@ def export_controller(
             band in percent in the forms.
 
     Raises:
-        ScenarioError: If the file cannot be read or its controller cannot be built.
+        ScenarioError: If the file cannot be read, or its settings do not describe its controller.
         SettingsError: If this controller cannot be written so, or an argument is not valid.
         StaleError: If it is not the best of its study any more.
     """
     content, digest = _read(Path(path))
     refuse_outdated(Path(path), content)
-    channels = _channels_of(content)
+    channels, described = _channels_of(content), _described(content, path)
     if to == FORMS:
-        described, units = _described(content, path), content.get("units", {})
-        settings = {} if described is None else as_data(described)
+        settings, units = {} if described is None else as_data(described), content.get("units", {})
         found = pid_forms(settings, units, channels.time_unit, shown=time, spans=spans)
         if not found:
             raise SettingsError(f"only a PID has forms; {str(path)!r} holds another controller")
         return _as_text(found)
     if time or spans is not None:
         raise SettingsError(f"units of time and ranges are for {FORMS!r} only: code has those of the plant")
+    if described is None:
+        raise ScenarioError(
+            f"the settings in {str(path)!r} describe no PID, LQR or LQG, and export executes no scenario to "
+            "make one. If it is one, write it in Python, with prefcal_env.controllers.as_code and "
+            "load_controller, which does. An MPC cannot be written"
+        )
+    return as_code(described, to, channels, name=name or "tuned", about=_about(content, channels, digest))
+
+
+def _about(content: Mapping[str, Any], channels: Channels, digest: str) -> str:
+    """Return where a controller is from, and what its signals are if they are no readings."""
     study = (content.get("origin") or {}).get("study")
     where = f"study {study}, " if study else ""
     about = (
         f"{content.get('title', '')}: tuned with prefcal {versions()['prefcal']}, {where}"
         f"experiment {content.get('experiment', '?')}. SHA-256 of best.json: {digest[:16]}..."
     )
-    return as_code(load_controller(path), to, channels, name=name or "tuned", about=about)
+    said = " ".join(f"{c.name} {c.unit}" for c in (*channels.x, *channels.u, *channels.y))
+    # Of a step test, for example: its limits are no readings then, and a valve must not get them.
+    if "changes from" not in str(content.get("title")) and not re.search(
+        r"\bchanges?\b", said, re.IGNORECASE
+    ):
+        return about
+    return (
+        "ATTENTION: tuned on changes. All signals and limits are changes from a start: "
+        f"subtract it from what is measured and set, and add that of the input to what this returns. {about}"
+    )
 
 
 def _channels_of(content: Mapping[str, Any]) -> Channels:
@@ -212,7 +234,8 @@ def _as_text(parameters: Sequence[PIDParameter]) -> str:
         equation = EQUATIONS.get(form, "")
         lines.append(f"{form}: {equation}" if equation else form)
         for p in (p for p in parameters if p.form == form):
-            value = with_unit(number(p.value), p.unit) if p.value == p.value else f"{MISSING} ({p.derived})"
+            copied = number(p.value).replace("−", "-")  # control systems read no typographic minus
+            value = with_unit(copied, p.unit) if p.value == p.value else f"{MISSING} ({p.derived})"
             lines.append(f"  {p.name:<34} {value}")
     return "\n".join([*lines, ""])
 

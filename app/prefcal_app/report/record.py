@@ -36,6 +36,7 @@ from prefcal_scenarios.runs import WORST, grouped
 from prefcal_scenarios.scenario import KPI, Scenario
 from prefcal_scenarios.verification.result import UNKNOWN, margins_at
 from prefcal_scenarios.wording import (
+    MISSING,
     ended_text,
     folder_for,
     knob_number,
@@ -520,7 +521,8 @@ def pid_forms_of(record: StudyRecord) -> list[tuple[PIDParameter, str, str]]:
 
 def pid_text(record: StudyRecord) -> str:
     """Return the forms of a tuned PID, and what of it was not tuned; empty for other controllers."""
-    parts = [p for p, *_ in pid_forms_of(record)]
+    # Not what only the PID before has.
+    parts = [p for p, new, _ in pid_forms_of(record) if new != MISSING or p.form == SERIES]
     if not parts:
         return ""
     fixed = [

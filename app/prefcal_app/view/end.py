@@ -387,6 +387,8 @@ def pid_rows(
 ) -> list[tuple[PIDParameter, str, str]]:
     """Return each parameter of a tuned PID in each form, with its best value and that before.
 
+    A dash stands for what only the other of the two has, such as the tracking time of a PI.
+
     Args:
         space: Knobs of the study.
         best: Settings of the best controller; for other controllers than PIDs there are no rows.
@@ -400,8 +402,12 @@ def pid_rows(
         knob = knobs.get(p.name.partition(" ")[0])  # "b (set-point weight of K_p)"
         return number(p.value) if knob is None else knob_number(knob, p.value)
 
-    both = (pid_forms(settings, units, time_unit) for settings in (best, before))
-    return [(new, text(new), text(old)) for new, old in zip(*both, strict=True)]
+    new, old = ({p.name: p for p in pid_forms(of, units, time_unit)} for of in (best, before))
+    if not new:
+        return []
+    told = [{name: text(p) for name, p in forms.items()} for forms in (new, old)]
+    every = new | {name: p for name, p in old.items() if name not in new}
+    return [(p, told[0].get(name, MISSING), told[1].get(name, MISSING)) for name, p in every.items()]
 
 
 def pid_table(rows: Sequence[tuple[PIDParameter, str, str]], baseline: str) -> dict[str, Any] | None:
@@ -416,7 +422,10 @@ def pid_table(rows: Sequence[tuple[PIDParameter, str, str]], baseline: str) -> d
         )
         for p, new, old in rows
     ]
-    none = f" {MISSING}: {NO_SERIES}." if any(MISSING in texts for _, *texts in rows) else ""
+    gains, series = rows[0][1:], [texts for p, *texts in rows if p.form == SERIES]
+    # Without a gain there is no PID, whose forms are not known then.
+    lacks = any(t == MISSING != gain for texts in series for t, gain in zip(texts, gains, strict=True))
+    none = f" {MISSING}: {NO_SERIES}." if lacks else ""
     caption = (
         "ISA form: K_p (b r − y + 1/T_i ∫(r − y) dt + T_d d(c r − y)/dt). Of the error e = r − y, parallel: "
         f"{EQUATIONS[PARALLEL]}; series: {EQUATIONS[SERIES]}. {FILTERED} {ANTI_WINDUP}{none} "
@@ -446,16 +455,21 @@ def _written(interview: Interview, best: Path | None) -> dict[str, Any]:
     # The file has what the scenario says of its controller: a page never waits for somebody's function.
     try:
         content = json.loads(best.read_text("utf-8"))
-    except (OSError, ValueError):  # somebody edits it, or has moved it
+    except (OSError, ValueError, RecursionError):  # somebody edits it, or has moved it
         return nothing
-    settings, before = content.get("settings", {}), content.get("before", {})
-    time = content.get("channels", {}).get("time_unit", "")
-    rows = pid_rows(interview.scenario.space, settings, before.get("settings", {}), time)
+    settings, before = _table(content, "settings"), _table(content, "before")
+    time = str(_table(content, "channels").get("time_unit", ""))
+    rows = pid_rows(interview.scenario.space, settings, _table(before, "settings"), time)
     commands = [
         {"command": shlex.join(["prefcal", "export", str(best), "--to", word]), "what": LANGUAGES[word]}
         for word in languages_of(settings)
     ]
-    return {"forms": pid_table(rows, before.get("what", "")), "export": commands}
+    return {"forms": pid_table(rows, str(before.get("what", ""))), "export": commands}
+
+
+def _table(content: Any, name: str) -> Mapping[str, Any]:
+    found = content.get(name) if isinstance(content, Mapping) else None
+    return found if isinstance(found, Mapping) else {}
 
 
 def outlook_view(outlook: Outlook | None) -> dict[str, Any] | None:

@@ -47,7 +47,8 @@ def test_forms_are_in_the_units_and_ranges_of_the_control_system(prefcal, best):
         (["--to", "st", "--name", "1st"], "the name of a controller's code must be"),
         (["--to", "forms", "--ranges", "200"], "--ranges must look like 0:200,0:100"),
         (["--to", "forms", "--ranges", "1.2.3:4,0:1"], "--ranges must look like 0:200,0:100"),
-        (["--to", "forms", "--ranges", "200:0,0:100"], "must be above 0"),
+        (["--to", "forms", "--ranges", "200:0,0:100"], "low first, then high"),
+        (["--to", "forms", "--ranges", "0:200,5:5"], "low first, then high"),
         (["--to", "c", "--out", "nowhere/pid.h"], "--out must be in an existing folder"),
     ],
 )

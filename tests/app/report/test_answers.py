@@ -185,3 +185,26 @@ def test_a_pid_is_given_as_control_systems_ask_for_it():
     assert "Not tuned: K_p 2, T_i 10 h, T_d 3 h, b (set-point weight of K_p) 1" in said
     assert "T_s" not in said  # a knob of the toy
     assert "The PID" not in dict(answers(record))
+
+
+def test_what_only_the_pid_before_had_is_not_said_of_the_tuned_one():
+    tuned = {
+        "controller": "PID",
+        "K_p": 2.0,
+        "T_i": None,
+        "T_d": 0.0,
+        "N": 10.0,
+        "b": 1.0,
+        "c": 0.0,
+        "T_s": 0.5,
+    }
+    record = toy_record()
+    first = record.before.experiment.theta.tolist()
+
+    def settings(theta):
+        return tuned | {"T_i": 10.0, "T_t": 7.0} if theta.tolist() == first else tuned
+
+    assert record.best.experiment.theta.tolist() != first
+    said = dict(answers(replace(record, scenario=replace(record.scenario, settings=settings))))["The PID"]
+    assert "Not tuned: K_p 2, " in said
+    assert "T_t (" not in said

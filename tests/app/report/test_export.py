@@ -235,8 +235,17 @@ def test_the_forms_have_equations_numbers_and_units(heater):
     assert "T_i 2 min" in lines
     assert "1/T_i (repeats per minute) 0.5 1/min" in lines
     assert "K_i 1 %/°C/min" in lines
-    in_percent = export_controller(heater, "forms", spans=(50.0, 100.0)).split()
-    assert in_percent[-5:] == ["PB", "(proportional", "band)", "100", "%"]  # 2 %/°C over 50 °C: 1 % a %
+    in_percent = export_controller(heater, "forms", spans=(50.0, 100.0))
+    lines = [" ".join(line.split()) for line in in_percent.splitlines()]
+    assert "PB (proportional band) 100 %" in lines  # 2 %/°C over 50 °C: 1 % a %
+    assert [line.split()[0] for line in lines[-4:]] == ["K", "PB", "K′", "PB′"]
+
+
+def test_numbers_to_copy_have_no_typographic_signs(heater):
+    text = export_controller(changed(heater, settings=as_data(HEATER) | {"K_p": -2e-7}), "forms")
+    values = [line[37:].split()[0] for line in text.splitlines() if line.startswith("  ")]
+    assert "-2e-07" in values
+    assert "".join(values).isascii()
 
 
 def test_a_form_that_a_pid_does_not_have_says_why(heater):
@@ -263,6 +272,32 @@ def test_what_cannot_be_exported_says_why(heater):
         export_controller(heater, "forms")
     with pytest.raises(SettingsError, match="in C only"):
         export_controller(heater, "st")
+
+
+@pytest.mark.parametrize("to", ["st", "c", "forms"])
+def test_an_export_executes_no_file_of_a_scenario(best, tmp_path, to):
+    (tmp_path / "own.py").write_text("raise SystemExit('executed')")
+    for settings in ({}, {"gain": 1.0}, None):
+        changed(best, scenario=f"{tmp_path / 'own.py'}:toy", settings=settings)
+        with pytest.raises(
+            (ScenarioError, SettingsError), match=r"another controller|as_code and load_controller"
+        ):
+            export_controller(best, to)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"title": "PID of T by valve (changes from 52 °C at 40 %)"},
+        {"channels": CHANNELS | {"u": [["change of valve", "%"]]}},
+        {"channels": CHANNELS | {"y": [["T", "°C (changes)"]]}},
+    ],
+)
+@pytest.mark.parametrize("to", ["st", "c"])
+def test_a_controller_of_changes_says_so_before_all_else(heater, to, changes):
+    assert "changes" not in export_controller(heater, to)
+    text = export_controller(changed(heater, **changes), to)
+    assert text[3:].startswith("ATTENTION: tuned on changes. All signals and limits are changes")
 
 
 @pytest.mark.parametrize("to", ["st", "forms"])

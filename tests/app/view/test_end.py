@@ -128,11 +128,37 @@ def test_the_end_gives_a_pid_in_each_form_and_says_how_to_write_the_controller(t
     ]
 
 
+def test_a_dash_stands_for_what_only_one_of_two_pids_has(tmp_path):
+    pi, p = (as_data(PID(2.0, T_i, T_s=1.0)) for T_i in (20.0, np.inf))
+    for new, old, told in (
+        (pi, p, ["all", "20", "–"]),
+        (p, pi, ["all", "–", "20"]),
+        (pi, {}, ["all", "20", "–"]),
+    ):
+        content = {
+            "settings": new,
+            "before": {"what": "paper", "settings": old},
+            "channels": {"time_unit": "s"},
+        }
+        (tmp_path / "best.json").write_text(json.dumps(content))
+        forms = over(tmp_path)[2]["next"]["forms"]
+        cells = {row["name"]: [cell["text"] for cell in row["cells"]] for row in forms["rows"]}
+        assert cells["T_t (tracking time of the anti-windup)"] == told
+        assert "–:" not in forms["caption"]  # that is for the series form
+
+
 def test_other_controllers_have_no_forms_at_the_end(tmp_path):
     (tmp_path / "best.json").write_text(json.dumps({"settings": {"controller": "LQR"}}))
     found = over(tmp_path)[2]["next"]
     assert found["forms"] is None
     assert [each["what"] for each in found["export"]] == ["C (C99)"]
-    for text in ('{"settings": {"gain": 1.0}}', "not JSON"):
+    odd = {"controller": "PID", "K_p": "high"}
+    for text in (
+        '{"settings": {"gain": 1.0}}',
+        "not JSON",
+        "[3]",
+        '{"settings": null, "before": null, "channels": 3}',
+        json.dumps({"settings": {"controller": []}, "before": {"settings": odd}}),
+    ):
         (tmp_path / "best.json").write_text(text)
         assert over(tmp_path)[2]["next"]["export"] == over()[2]["next"]["export"] == []

@@ -21,8 +21,8 @@ from prefcal_env.controllers.written import ALL, BOTH, ISA, PARALLEL, PERCENT, S
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Channels, Measurement
 
-Step = Callable[[bool, float, float, float], float]
-"""One sample of a program: automatic, set point, measured output and the input that acted, to the input."""
+Step = Callable[[bool, float, float, float, float], float]
+"""One sample of a program: automatic, input by hand, set point, measured output, what acted; to the input."""
 COMPILER = shutil.which("cc")
 NAMED = Channels((), (Channel("valve", "%"),), (Channel("T", "°C"),), "s")
 
@@ -46,16 +46,14 @@ def as_python(text: str) -> Step:
         name, assigned, value = raw.rstrip(";").partition(" := ")
         if assigned:
             lines.append("    " * depth + f"m[{name!r}] = {_read(value)}")
-        elif raw == "return;":
-            lines.append("    " * depth + "return")
         else:
             lines.append("    " * depth + ("else:" if raw == "else" else f"if {_read(raw[3:-5])}:"))
             depth += 1
     space: dict[str, Callable[[dict[str, float]], None]] = {}
     exec("\n".join(lines), {}, space)
 
-    def step(automatic: bool, sp: float, pv: float, acted: float) -> float:
-        memory.update(auto=automatic, sp=sp, pv=pv, acted=acted)
+    def step(automatic: bool, hand: float, sp: float, pv: float, acted: float) -> float:
+        memory.update(auto=automatic, hand=hand, sp=sp, pv=pv, acted=acted)
         space["block"](memory)
         return memory["u"]
 
@@ -73,8 +71,8 @@ def compiled(folder: Path, controllers: Sequence[Any]) -> list[Any]:
     wrapped = []
     for i, controller in enumerate(controllers):
         (folder / f"f{i}.h").write_text(as_code(controller, "c", NAMED, name=f"f{i}"))
-        how = "double g{0}(f{0}_state *m, int a, double r, double y, double u) "
-        how += "{{ return f{0}(m, a, r, y, u); }}"
+        how = "double g{0}(f{0}_state *m, int a, double h, double r, double y, double u) "
+        how += "{{ return f{0}(m, a, h, r, y, u); }}"
         if not isinstance(controller, PID):
             more, names = ("", "") if len(_vectors(controller)) < 3 else (", const double *b", ", b")
             how = f"void g{{0}}(f{{0}}_state *m, const double *r, const double *a{more}, double *u) "
@@ -101,18 +99,19 @@ def compiled(folder: Path, controllers: Sequence[Any]) -> list[Any]:
 
 def pid_step(function: Any) -> Step:
     function.restype = ctypes.c_double
-    function.argtypes = [ctypes.c_void_p, ctypes.c_int, *[ctypes.c_double] * 3]
+    function.argtypes = [ctypes.c_void_p, ctypes.c_int, *[ctypes.c_double] * 4]
     memory = ctypes.create_string_buffer(64)
     return lambda *sample: float(function(memory, *sample))
 
 
 def in_python(pid: PID) -> Step:
-    """Return the PID itself; without a set point it hands the input through."""
+    """Return the PID itself; without a set point it hands the input through, here that by hand."""
 
-    def step(automatic: bool, sp: float, pv: float, acted: float) -> float:
+    def step(automatic: bool, hand: float, sp: float, pv: float, acted: float) -> float:
         none, r = np.zeros(0), np.array([sp if automatic else np.nan])
-        m = Measurement(t=0.0, x=none, u=np.array([acted]), y=np.array([pv]), d=none, y_ref=r)
-        return float(pid.move(m).u[0])
+        u = np.array([acted if automatic else hand])
+        m = Measurement(t=0.0, x=none, u=u, y=np.array([pv]), d=none, y_ref=r)
+        return min(max(float(pid.move(m).u[0]), pid.parameters["low"]), pid.parameters["high"])
 
     return step
 
@@ -125,7 +124,7 @@ def closed_loop(step: Step, seed: int, samples: int = 120) -> list[float]:
     for k in range(samples):
         sp = rng.normal(0, 5) if rng.random() < 0.05 else sp
         automatic = not any(0 <= k - start < 8 for start in manual)
-        asked = step(automatic, sp, y, u)
+        asked = step(automatic, rng.normal(0, 30), sp, y, u)
         moves.append(asked)
         u = min(max(asked, u - 2.0), u + 2.0)
         y += (gain * u - y) / lag + rng.normal(0, 0.02)
@@ -160,7 +159,7 @@ def test_structured_text_moves_as_the_pid_does(seed: int) -> None:
     pid = random_pid(seed)
     expected = closed_loop(in_python(pid), seed)
     found = closed_loop(as_python(as_code(pid, "st", NAMED)), seed)
-    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(found, expected)
 
 
 def test_c_moves_as_the_pid_does(tmp_path: Path) -> None:
@@ -168,14 +167,46 @@ def test_c_moves_as_the_pid_does(tmp_path: Path) -> None:
     for seed, function in enumerate(compiled(tmp_path, pids)):
         expected = closed_loop(in_python(pids[seed]), seed)
         found = closed_loop(pid_step(function), seed)
-        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+        np.testing.assert_array_equal(found, expected)  # bit for bit: no multiply-add is fused
+
+
+def programs(folder: Path, pid: PID) -> list[Step]:
+    """Return the PID in structured text, and in C if it can be compiled here."""
+    in_c = [] if COMPILER is None else [pid_step(compiled(folder, [pid])[0])]
+    return [as_python(as_code(pid, "st", NAMED)), *in_c]
+
+
+def test_a_position_that_reads_too_high_moves_nothing_in_manual(tmp_path: Path) -> None:
+    for step in programs(tmp_path, PID(2.0, 20.0, T_s=1.0, low=0.0, high=100.0)):
+        acted = 0.0
+        for hand, u in [*[(40.0, 40.0)] * 50, (120.0, 100.0), (-3.0, 0.0)]:
+            assert step(False, hand, 0.0, 0.0, acted + 1.0) == u
+            acted = u
+
+
+def test_the_first_automatic_move_starts_from_what_acted_and_follows_the_set_point(tmp_path: Path) -> None:
+    for step in programs(tmp_path, PID(2.0, 20.0, 5.0, T_s=1.0, b=0.5)):
+        step(False, 40.0, 7.0, 5.0, 40.0)
+        assert step(True, 0.0, 5.0, 5.0, 40.0) == 40.0
+        step(False, 40.0, 7.0, 5.0, 40.0)
+        assert step(True, 0.0, 8.0, 5.0, 40.0) == pytest.approx(40.0 + 2.0 * 0.5 * 3.0)
+
+
+def test_a_position_that_reads_too_high_leaves_the_stated_error(tmp_path: Path) -> None:
+    # docs/on_the_plant.md: e = -bias T_i / (K_p T_t), here -1 * 20 / (2 * 5).
+    for step in programs(tmp_path, PID(2.0, 20.0, T_s=1.0, T_t=5.0)):
+        u = y = 0.0
+        for _ in range(2000):
+            u = step(True, 0.0, 3.0, y, u + 1.0)
+            y += (u - y) / 10
+        assert 3.0 - y == pytest.approx(-2.0)
 
 
 # --- What control systems accept as structured text.
 
 KEYWORDS = """
     function_block end_function_block var_input var_output var end_var constant bool lreal true false if not
-    then else end_if return
+    then else end_if
 """
 LIBRARY = """
     sr rs sema r_trig f_trig ctu ctd ctud tp ton tof rtc integral derivative pid hysteresis ramp abs sqrt ln
@@ -296,11 +327,32 @@ def test_c_moves_as_lqr_and_lqg_do(tmp_path: Path, integral: bool, filtered: boo
 # --- What cannot be written.
 
 
-@pytest.mark.parametrize("name", ["", "1st", "a b", "double", "Real", "END_VAR", "a__b", "a_", "x;y", "PID"])
+DECLARED = """
+    auto hand sp pv acted u gain weight_p weight_d per_sample tracking pole rise u_low u_high running last_sp
+    last_pv i_part d_part wanted before m automatic integral derivative low high nx nu ny ni k k_i u0 x0 y0 a
+    b c d l f dx cut back finite sum step out time x y r v e i j
+"""
+"""Names within the programs."""
+OTHERS = (
+    "double Real END_VAR END_IF var_temp end_program MOVE Class this nullptr pow INT_TO_REAL while struct"
+)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["", "1st", "a b", "a__b", "a_", "x;y", "_a", *f"{KEYWORDS} {LIBRARY} {DECLARED} {OTHERS}".split()],
+)
 @pytest.mark.parametrize("language", ["st", "c"])
 def test_a_name_that_is_none_is_refused(name: str, language: str) -> None:
     with pytest.raises(SettingsError, match="name of a controller's code"):
         as_code(PID(1.0, T_s=1.0), language, NAMED, name=name)
+
+
+@pytest.mark.parametrize(
+    "name", ["Heater", "loop", "valve_7", "T", "pid1", "flow_to_tank", "state", "ending"]
+)
+def test_other_names_are_taken(name: str) -> None:
+    assert f"FUNCTION_BLOCK {name}\n" in as_code(PID(1.0, T_s=1.0), "st", NAMED, name=name)
 
 
 def test_what_has_no_such_form_says_why() -> None:
@@ -422,7 +474,18 @@ def test_percent_of_ranges_and_proportional_band() -> None:
         found = forms(GIVEN | {"K_p": sign * 4.0}, spans=(50.0, 100.0))
         assert (found["K"].value, found["K"].unit, found["K"].form) == (sign * 2.0, "%/%", PERCENT)
         assert (found["PB (proportional band)"].value, found["PB (proportional band)"].unit) == (50.0, "%")
+        assert not {"K′", "PB′ (proportional band)"} & set(found)  # the T_d of GIVEN is too long for it
     assert "K" not in forms(GIVEN)
+
+
+@pytest.mark.parametrize("change", [{}, {"T_i": None}, {"T_d": 0.0, "K_p": -1.2}])
+def test_the_series_form_in_percent_is_of_its_own_gain(change: dict[str, Any]) -> None:
+    found = forms(GIVEN | {"T_i": 50.0, "T_d": 9.0} | change, spans=(50.0, 100.0))
+    K = found["K′"].value
+    assert found["K_p′"].value / 2 == K
+    assert found["PB′ (proportional band)"].value == pytest.approx(100 / abs(K))
+    same = {"T_i", "T_d"} & set(change) != set()
+    assert (pytest.approx(found["K"].value) == K) == same, "without both parts, series and ISA are alike"
 
 
 def test_several_pids_are_numbered_and_other_controllers_have_no_forms() -> None:
@@ -433,13 +496,26 @@ def test_several_pids_are_numbered_and_other_controllers_have_no_forms() -> None
     assert forms({"controller": "LQR"}) == forms({}) == {}
 
 
+@pytest.mark.parametrize("change", [{"K_p": "high"}, {"T_i": 0.0}, {"N": None}, {"T_s": [1.0]}])
+def test_settings_that_no_pid_has_have_no_forms(change: dict[str, Any]) -> None:
+    assert forms(GIVEN | change) == {}
+    assert forms({"controller": "Decentralized", "pids": [GIVEN, GIVEN | change]}) == {}
+    assert forms({"controller": "Decentralized", "pids": [3]}) == {}
+
+
 @pytest.mark.parametrize("spans", [(0.0, 1.0), (1.0, -1.0), (np.inf, 1.0), (1.0, np.nan)])
 def test_a_range_that_is_none_is_refused(spans: tuple[float, float]) -> None:
     with pytest.raises(SettingsError, match="ranges of output and input"):
         forms(GIVEN, spans=spans)
 
 
-@pytest.mark.parametrize(("time", "shown"), [("s", "bar"), ("", "min")])
-def test_a_unit_that_is_no_time_is_refused(time: str, shown: str) -> None:
-    with pytest.raises(SettingsError, match="cannot be shown in"):
+@pytest.mark.parametrize(
+    ("time", "shown", "words"),
+    [
+        ("s", "bar", "times in s cannot be shown in 'bar': give s, min or h"),
+        ("", "s", "times in no unit cannot be shown in 's': the plant says none, so leave the unit out"),
+    ],
+)
+def test_a_unit_that_times_do_not_have_is_refused(time: str, shown: str, words: str) -> None:
+    with pytest.raises(SettingsError, match=words):
         forms(GIVEN, time=time, shown=shown)
