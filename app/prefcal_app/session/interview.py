@@ -240,7 +240,9 @@ def simulated(driver: Driver) -> SimulationCounts | None:
     agent = cast(Screening, driver.agent)
     planned = agent.n_simulated
     # What was simulated for answers that were not given is not counted.
-    shown = len(list_shown(driver.study.state))
+    state = driver.study.state
+    # While it goes on, what ran ahead may still be shown.
+    shown = len(list_shown(state) if state.ended else state.finished)
     count, failed = min(simulator.count, planned), simulator.failed
     if screened is not None:
         count, failed = len(screened.bank.failed), int(screened.bank.failed.sum())
