@@ -25,7 +25,7 @@ CALLS = [
     ("calibrate TOY --calibrator synthtic", "--calibrator must be one of human, ", "'synthetic'?"),
     ("calibrate lag --calibrator ideel", " more for scenario 'lag'", "'ideal'?"),
     ("calib", "no such command 'calib'. Did you mean 'calibrate'?"),
-    ("nonsense", "no such command 'nonsense'", "calibrate, choose, new, check, look, report, "),
+    ("nonsense", "no such command 'nonsense'", "calibrate, choose, new, identify, check, look, report, "),
     ("calibrate TOY --nmax 3", "no such option: --nmax", "--n-max"),
     ("calibrate TOY --n-max x", "--n-max: expected an integer, got x"),
     ("calibrate TOY more", "more", "calibrate --help"),
