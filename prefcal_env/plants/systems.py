@@ -477,15 +477,14 @@ class LinearPlant:
         name: str = "plant",
         time_unit: str = "s",
     ) -> None:
-        made = system_of(system)
-        n_all, n_y = made.sizes[1:]
+        own = system_of(system)
+        n_all, n_y = own.sizes[1:]
         n_d = len(_listed(disturbances))
         if n_all <= n_d or n_y == 0:
             raise PlantError(f"a plant needs an input and an output, got D of shape {(n_y, n_all)}")
         shared, entries = _split_delay(delay, n_y, n_all - n_d)
-        before = len(made.A)
         # A dead time of one entry delays only what this input does: so its states must be its own.
-        made = made.separated() if entries.any() else made
+        made = own.separated() if entries.any() else own
         n_x, names = len(made.A), made.inputs or None
         self.system, self.name, self.time_unit = made, name, time_unit
         self.has_named_states = states is not None or bool(made.states)
@@ -494,11 +493,8 @@ class LinearPlant:
         self.inputs = _channels("inputs", inputs, split[0], n_all - n_d, "u")
         self.outputs = _channels("outputs", outputs, made.outputs or None, n_y, "y")
         self.disturbances = _channels("disturbances", disturbances, split[1], n_d, "d")
-        self.x0 = _start(0.0 if x0 is None else x0, before, n_x)
-        u, y = (0.0, 0.0) if rest is None else rest
-        at = plant_numbers("u of rest", u, n_all - n_d), plant_numbers("y of rest", y, n_y)
-        self.rest = None if rest is None else at
-        self.u0 = plant_numbers("u0", at[0] if u0 is None else u0, n_all - n_d)
+        self.x0 = _start(0.0 if x0 is None else x0, len(own.A), n_x)
+        self.u0, self.rest = self._resting(u0, rest)
         self.input_delay = self._delays("delay", shared, len(self.inputs))
         self.output_delay = self._delays("output_delay", output_delay, n_y)
         late = self._delays("delay", entries.ravel(), entries.size)
@@ -634,6 +630,16 @@ class LinearPlant:
         once = np.block([[self.system.A, self.system.B], [np.zeros((n_u, n_x)), np.eye(n_u)]])
         rates = np.real(logm(once)) / self.system.dt
         return rates[:n_x, :n_x], rates[:n_x, n_x:]
+
+    def _resting(
+        self, u0: Numbers | None, rest: tuple[Numbers, Numbers] | None
+    ) -> tuple[U, tuple[U, Y] | None]:
+        """Return the input before the start, and inputs and outputs at rest."""
+        n_u, n_y = len(self.inputs), len(self.outputs)
+        if rest is None:
+            return plant_numbers("u0", 0.0 if u0 is None else u0, n_u), None
+        at = plant_numbers("u of rest", rest[0], n_u), plant_numbers("y of rest", rest[1], n_y)
+        return plant_numbers("u0", at[0] if u0 is None else u0, n_u), at
 
     def _delays(self, what: str, value: Numbers, n: int) -> tuple[float, ...]:
         found = plant_numbers(what, value, n)
