@@ -307,7 +307,7 @@ class LTILoop:
         return (
             isinstance(plant, LinearPlant)
             and not (law.dt or plant.sample_time or self._T_s or np.isfinite(limits).any())
-            and not dead_times(plant).any()
+            and not (plant.rest or dead_times(plant).any())
             and self._env.task.noise is None
         )
 

@@ -142,7 +142,11 @@ def _parameter(name: str, value: float = 1.0) -> Factor:
 
 def varied_plant(plant: Plant, values: Values, later: float = 1.0) -> Disturbed:
     """Return a plant with other parameters and ranges of its inputs, and `later` times its dead time."""
-    inputs = tuple(_narrow(c, values.get(_range(c), 1.0)) for c in plant.inputs)
+    own = plant.plant if isinstance(plant, Disturbed) else plant
+    known = own.rest if isinstance(own, LinearPlant) else None
+    shares = [values.get(_range(c), 1.0) for c in plant.inputs]
+    centers = known[0].tolist() if known else [None] * len(shares)
+    inputs = tuple(map(_narrow, plant.inputs, shares, centers))
     if isinstance(plant, Disturbed):
         return plant.around(_changed(plant.plant, values, later), inputs)
     return Disturbed(_changed(plant, values, later), inputs=inputs)
@@ -208,10 +212,12 @@ def _matrices(plant: Plant) -> tuple[np.ndarray, np.ndarray] | None:
     return getattr(plant, "named_matrices", None)
 
 
-def _narrow(c: Channel, share: float) -> Channel:
-    """Return an input that has only a share of its range, around its middle."""
+def _narrow(c: Channel, share: float, center: float | None) -> Channel:
+    """Return an input that has only a share of its range, around `center`, or None for its middle."""
     if share == 1.0:
         return c
+    if center is not None:  # where the plant rests, which may be a limit: it must stay in the range
+        return replace(c, low=center - share * (center - c.low), high=center + share * (c.high - center))
     middle, half = (c.high + c.low) / 2, share * (c.high - c.low) / 2
     return replace(c, low=middle - half, high=middle + half)
 

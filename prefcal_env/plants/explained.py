@@ -45,13 +45,18 @@ class Model:
 
     @property
     def numbers(self) -> Mapping[str, float]:
-        """Return the gain, lags, damping, zero and dead time by name; only those that the model has."""
+        """Return the gain, lags, oscillation, zero and dead time by name; only those that the model has.
+
+        What means something else has another name: lags beside an integrator, and 1/ω of an oscillation.
+        """
         poles = np.roots(self.den[:-1] if self.integrates else self.den)
-        swings = poles[np.abs(poles.imag) > 1e-6 * np.abs(poles)]
+        swinging = np.abs(poles.imag) > 1e-6 * np.abs(poles)
+        lags = np.sort(1 / np.abs(poles[~swinging]))[::-1].tolist()
         found = {"rate" if self.integrates else "gain": self.gain}
-        found |= {f"time constant {k + 1}": lag for k, lag in enumerate(self.lags)}
-        if len(swings):
-            found["damping"] = float(-swings[0].real / np.abs(swings[0]))
+        found |= {f"{'lag' if self.integrates else 'time constant'} {k + 1}": T for k, T in enumerate(lags)}
+        if swinging.any():
+            pole = poles[swinging][0]
+            found |= {"1/ω": float(1 / np.abs(pole)), "damping": float(-pole.real / np.abs(pole))}
         if len(self.num) > 1:
             found["zero's time constant"] = self.num[0] / self.num[-1]
         return found | {"dead time": self.delay}
@@ -199,8 +204,10 @@ class Scaled:
     def explained(self, family: Family, shape: Shape) -> tuple[Explained, Explained]:
         """Return how well a shape explains the record, without and with drift.
 
-        Source: the normal linear model with its conjugate prior, such as Bishop (2006), Pattern
-        Recognition and Machine Learning, section 3.5, with the variance of the noise integrated out.
+        Source: Bishop (2006), Pattern Recognition and Machine Learning, eq. (3.118) of exercise 3.23: the
+        evidence of the linear model with its normal-gamma prior, the variance of the noise integrated out.
+        Deviation: the prior knows the sizes of the coefficients, so their precision in units of the noise
+        is that of an estimate, `variance`; a row counts as `COUNTS` of one; a_0 is 0, b_0 half of a floor.
         """
         X, y = self.white(self.rows(family, shape)), self.white(self.y)
         n, M, v = COUNTS * len(y), COUNTS * X @ X.T, COUNTS * X @ y

@@ -18,6 +18,7 @@ from .explained import COUNTS, FLOOR, Family, Model, Scaled, Shape, Weighed, exp
 
 _FEWEST = 30
 _MOST = 1500  # rows that are used: of longer records, means over equal times
+_LARGEST = 1e100  # size of numbers above which their products may overflow
 _AFTER = 10  # fewest rows after the first change of the input
 _FLAT = 0.05  # share of the record for which an output may rest at its very highest or lowest value
 _UNCLEAR = 1.0  # largest width of the 90 % interval of the response, relative to the response
@@ -43,6 +44,11 @@ def _checked(t: ArrayLike, u: ArrayLike, y: ArrayLike) -> tuple[np.ndarray, np.n
         if len(bad):
             raise RecordError(
                 f"the {name} has no value in row {bad[0] + 1} ({len(bad)} such): cut the record, or fill it"
+            )
+        if np.abs(column).max() > _LARGEST or 0 < np.ptp(column) < 1 / _LARGEST:
+            raise RecordError(
+                f"the {name} is {column.min():g} to {column.max():g}: give it in a unit in which its numbers "
+                "are of usual size"
             )
     back = np.flatnonzero(np.diff(at) <= 0)
     if len(back):
@@ -71,7 +77,7 @@ def _check_input(u: Float[np.ndarray, " K"]) -> None:
 def _equally_spaced(
     t: Float[np.ndarray, " K"], u: Float[np.ndarray, " K"], y: Float[np.ndarray, " K"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the record at equally spaced times: inputs are held, outputs interpolated or averaged."""
+    """Return the record at equally spaced times: inputs are held, outputs interpolated, or both averaged."""
     steps = np.diff(t)
     if np.abs(steps - steps.mean()).max() > 0.01 * steps.mean():
         count = round(min(float((t[-1] - t[0]) / np.median(steps)), 20.0 * len(t))) + 1
@@ -79,10 +85,13 @@ def _equally_spaced(
         u, y = u[np.searchsorted(t, at + 1e-9 * (at[1] - at[0]), side="right") - 1], np.interp(at, t, y)
         t = at
     if (many := -(-len(t) // _MOST)) > 1:
-        # Means around every instant that is kept, so that no output comes earlier or later.
-        wide = many - 1 + many % 2
+        # Outputs are means around every instant that is kept, and inputs from it to the next one, so that
+        # neither comes earlier or later.
+        wide, kept = many - 1 + many % 2, np.arange(0, len(t), many)
         y = np.convolve(np.pad(y, wide // 2, mode="edge"), np.full(wide, 1 / wide), mode="valid")
-        t, u, y = t[::many], u[::many], y[::many]
+        # From the first value on, so that what rests there is exactly there.
+        u = u[0] + np.add.reduceat(u - u[0], kept) / np.diff(kept, append=len(u))
+        t, y = t[kept], y[kept]
     return t, u, y
 
 
@@ -107,6 +116,13 @@ def _check_saturation(
 # --- Identify: weigh all families, and draw models as probable as they are.
 
 
+def interval(models: Sequence[Model], name: str) -> tuple[float, float, int]:
+    """Return the 90 % interval of a number over the models that have it, and how many these are."""
+    values = [numbers[name] for model in models if name in (numbers := model.numbers)]
+    low, high = np.quantile(values, (0.05, 0.95)).tolist()
+    return low, high, len(values)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Identified:
     """What a record tells of its plant."""
@@ -124,8 +140,7 @@ class Identified:
 
     def interval(self, name: str) -> tuple[float, float]:
         """Return the 90 % interval of a number, over all models that have it."""
-        values = [model.numbers[name] for model in self.models if name in model.numbers]
-        low, high = np.quantile(values, (0.05, 0.95)).tolist()
+        low, high, _ = interval(self.models, name)
         return low, high
 
     @property

@@ -428,7 +428,7 @@ class LinearPlant:
     by `output_delay`, and what each input adds to each output (`entries`) by `entry_delay`. A
     controller that uses the plant as its model, such as `LinearMPC`, sees it without dead time.
 
-    All values are deviations from the operating point, unless the model says otherwise.
+    All values are deviations from the operating point, unless the model says otherwise, or `rest` does.
 
     Args:
         system: StateSpace or TransferFunction of python-control or scipy.signal (`lti`,
@@ -447,7 +447,10 @@ class LinearPlant:
         output_delay: Dead time between plant and output, likewise.
         x0: State at the start of experiments, shape (n_x,) or one number; by default 0. Where a
             matrix of dead times copies states, one for each copy.
-        u0: Input before the start of experiments, shape (n_u,) or one number; by default 0.
+        u0: Input before the start of experiments, shape (n_u,) or one number; by default that of `rest`,
+            or 0.
+        rest: Inputs and outputs at which it rests with all states 0, shapes (n_u,) and (n_y,) or a number
+            each: then signals have their absolute values. By default 0.
         name: Name of the plant, as shown to people.
         time_unit: Unit of time of `system`.
 
@@ -470,18 +473,18 @@ class LinearPlant:
         output_delay: Numbers = 0.0,
         x0: Numbers | None = None,
         u0: Numbers | None = None,
+        rest: tuple[Numbers, Numbers] | None = None,
         name: str = "plant",
         time_unit: str = "s",
     ) -> None:
-        made = system_of(system)
-        n_all, n_y = made.sizes[1:]
+        own = system_of(system)
+        n_all, n_y = own.sizes[1:]
         n_d = len(_listed(disturbances))
         if n_all <= n_d or n_y == 0:
             raise PlantError(f"a plant needs an input and an output, got D of shape {(n_y, n_all)}")
         shared, entries = _split_delay(delay, n_y, n_all - n_d)
-        before = len(made.A)
         # A dead time of one entry delays only what this input does: so its states must be its own.
-        made = made.separated() if entries.any() else made
+        made = own.separated() if entries.any() else own
         n_x, names = len(made.A), made.inputs or None
         self.system, self.name, self.time_unit = made, name, time_unit
         self.has_named_states = states is not None or bool(made.states)
@@ -490,8 +493,8 @@ class LinearPlant:
         self.inputs = _channels("inputs", inputs, split[0], n_all - n_d, "u")
         self.outputs = _channels("outputs", outputs, made.outputs or None, n_y, "y")
         self.disturbances = _channels("disturbances", disturbances, split[1], n_d, "d")
-        self.x0 = _start(0.0 if x0 is None else x0, before, n_x)
-        self.u0 = plant_numbers("u0", 0.0 if u0 is None else u0, n_all - n_d)
+        self.x0 = _start(0.0 if x0 is None else x0, len(own.A), n_x)
+        self.u0, self.rest = self._resting(u0, rest)
         self.input_delay = self._delays("delay", shared, len(self.inputs))
         self.output_delay = self._delays("output_delay", output_delay, n_y)
         late = self._delays("delay", entries.ravel(), entries.size)
@@ -517,19 +520,25 @@ class LinearPlant:
             PlantError: If the plant is discrete and no continuous one has the same samples.
         """
         A, B = self._rates
-        return np.asarray(A @ x + B @ np.concatenate([u, d]))
+        return np.asarray(A @ x + B @ self.acting(u, d))
 
     def g(self, x: X, u: U, d: D) -> Y:
         """Return the outputs, without dead time."""
         y = self.system.C @ x
-        return np.asarray(y + self.system.D @ np.concatenate([u, d]) if self._direct else y)
+        if self._direct:
+            y = y + self.system.D @ self.acting(u, d)
+        return np.asarray(y + self.rest[1] if self.rest else y)
+
+    def acting(self, u: U, d: D) -> Float[np.ndarray, " n"]:
+        """Return what B and D multiply: the inputs, from those at rest on, and the disturbances."""
+        return np.concatenate([u - self.rest[0] if self.rest else u, d])
 
     def entries(self, x: X, u: U, d: D) -> Float[np.ndarray, "n_y n"]:
         """Return what each input adds to the outputs, and last what no input does, n = n_u + 1."""
         n_u, C, D = len(self.inputs), self.system.C, self.system.D
         found = np.zeros((len(self.outputs), n_u + 1))
-        found[:, :n_u] = C @ (x[:, None] * self._owned) + D[:, :n_u] * u
-        # What is left: the states that no input drives, and the disturbances.
+        found[:, :n_u] = C @ (x[:, None] * self._owned) + D[:, :n_u] * self.acting(u, d)[:n_u]
+        # What is left: the states that no input drives, the disturbances, and the outputs at rest.
         found[:, n_u] = self.g(x, u, d) - found[:, :n_u].sum(axis=1)
         return found
 
@@ -541,7 +550,7 @@ class LinearPlant:
 
     def hold(self, x: X, u: U, d: D, times: Times) -> States:
         """Return the states at `times` after x, with u and d held; NaN once they overflow."""
-        start, n_x = np.concatenate([x, u, d]), len(self.states)
+        start, n_x = np.concatenate([x, self.acting(u, d)]), len(self.states)
         states = np.empty((len(times), n_x))
         with np.errstate(all="ignore"):
             for k, t in enumerate(np.asarray(times).tolist()):
@@ -622,6 +631,16 @@ class LinearPlant:
         rates = np.real(logm(once)) / self.system.dt
         return rates[:n_x, :n_x], rates[:n_x, n_x:]
 
+    def _resting(
+        self, u0: Numbers | None, rest: tuple[Numbers, Numbers] | None
+    ) -> tuple[U, tuple[U, Y] | None]:
+        """Return the input before the start, and inputs and outputs at rest."""
+        n_u, n_y = len(self.inputs), len(self.outputs)
+        if rest is None:
+            return plant_numbers("u0", 0.0 if u0 is None else u0, n_u), None
+        at = plant_numbers("u of rest", rest[0], n_u), plant_numbers("y of rest", rest[1], n_y)
+        return plant_numbers("u0", at[0] if u0 is None else u0, n_u), at
+
     def _delays(self, what: str, value: Numbers, n: int) -> tuple[float, ...]:
         found = plant_numbers(what, value, n)
         if np.any(found < 0):
@@ -657,7 +676,7 @@ def motion(plant: Any, x: X, u: U, d: D) -> tuple[X, Float[np.ndarray, "n_x n_x"
     """
     if isinstance(plant, LinearPlant) and plant.sample_time:
         dt, A = plant.sample_time, plant.system.A
-        after = A @ x + plant.system.B @ np.concatenate([u, d])
+        after = A @ x + plant.system.B @ plant.acting(u, d)
         return np.asarray(after - x) / dt, np.asarray(A - np.eye(len(A))) / dt
     return np.asarray(plant.f(x, u, d)), np.asarray(plant.jacobians(x, u, d).A)
 

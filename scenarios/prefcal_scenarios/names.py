@@ -38,6 +38,8 @@ OWN = ("path/to/own.py:NAME", "tank.toml", *(world.file for world in WORLDS if w
 """What people's own scenarios may be called, for messages, beside standard controllers."""
 TABLES = (".csv", ".tsv", ".txt", ".parquet", ".xlsx", ".xls", ".xlsb", ".ods")
 """Endings of tables of runs, among which `prefcal choose` lets people choose."""
+KEPT_PLANT = ".plant.json"
+"""Ending of the file beside the record of a step test that keeps what was identified."""
 _RANDOM_LOOP = re.compile(r"(loop|rough)-(0|[1-9]\d*)", re.ASCII)
 
 

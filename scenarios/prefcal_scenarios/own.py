@@ -25,7 +25,7 @@ from prefcal_env.errors import PrefcalError, ScenarioError
 from prefcal_env.optional import ENDINGS
 from prefcal_env.wording import last_own, ours, own_line
 
-from .names import TABLES
+from .names import KEPT_PLANT, TABLES
 
 # --- Names of scenarios: a plain name, or a name followed by its configuration in JSON.
 
@@ -80,7 +80,7 @@ def file_in(text: str) -> tuple[Path | None, str]:
     """Return the file that "own.py:name" or "tank.toml" names, and the rest."""
     before, _, after = text.rpartition(":")
     for path, rest in ((text, Path(text).suffix), (before, after)):
-        if Path(path).suffix in (".py", ".toml", *ENDINGS, *TABLES) and Path(path).is_file():
+        if path.endswith((".py", ".toml", KEPT_PLANT, *ENDINGS, *TABLES)) and Path(path).is_file():
             return Path(path), rest
     return None, text
 
@@ -97,15 +97,17 @@ def _described_by(path: Path) -> list[Path]:
 
 
 def _named_in(path: Path, top: Path) -> list[Path]:
-    """Return the files that a TOML file names, or the modules that a Python file imports.
+    """Return the files that a TOML file names, the modules that a Python file imports, or a table's plant.
 
-    Modules are looked for beside the file, and in the folder `top` of the scenario.
+    Modules are looked for beside the file, and in the folder `top` of the scenario. The plant of a record is
+    there as soon as its scenario was loaded.
     """
     if path.suffix not in (".py", ".toml"):
-        return []
+        kept = path.with_suffix(KEPT_PLANT)
+        return [kept] if path.suffix in TABLES and kept.is_file() else []
     text = path.read_text(encoding="utf-8", errors="replace")
     if path.suffix == ".toml":
-        endings = "|".join(map(re.escape, (".py", *ENDINGS)))
+        endings = "|".join(map(re.escape, (".py", KEPT_PLANT, *ENDINGS, *TABLES)))
         words = re.findall(rf"[\w./-]+(?:{endings})\b", text)
     else:
         names = [re.findall(r"\w[\w.]*", line) for line in _IMPORT.findall(text)]

@@ -1,5 +1,6 @@
 """Run `prefcal identify`: a plant of a record, its numbers with what is open of them, and a picture."""
 
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -8,10 +9,11 @@ from rich.table import Table
 
 from prefcal_app.terminal.showing import say
 from prefcal_env.errors import SettingsError
-from prefcal_env.plants.identify import Identified
+from prefcal_env.plants.identify import Identified, interval
 from prefcal_env.tables import TableColumns
 from prefcal_env.wording import labeled
-from prefcal_scenarios.described.identified import ENDING, Found, StepTest, identified, step_test, unit_of
+from prefcal_scenarios.described.identified import Found, StepTest, ends, identified, step_test, unit_of
+from prefcal_scenarios.names import KEPT_PLANT
 from prefcal_scenarios.wording import number, picture_at, put, quantity
 
 from .look_run import mapped
@@ -34,10 +36,20 @@ def run(options: IdentifyOptions) -> int:
     console.print(_numbers(found))
     for line in (*_conditions(found, made), *made.notes):
         say(console, line)
+    kept = _kept(found, path.with_suffix(KEPT_PLANT))
     put(target, picture(test, made))
-    kept = path.with_suffix(ENDING)
-    say(console, f"Picture: {target}", f"Plant:   {kept}", f"Next:    prefcal calibrate pid --plant {kept}")
+    say(console, f"Picture: {target}", *kept)
     return 0
+
+
+def _kept(found: Found, path: Path) -> tuple[str, ...]:
+    """Keep what was found in a file; return where, and what comes next, or why it cannot be kept."""
+    try:
+        found.write(path)
+    except OSError as error:
+        return (f"Plant:   not kept, since {path} cannot be written: {error.strerror}",)
+    following = shlex.join(["prefcal", "calibrate", "pid", "--plant", str(path)])
+    return f"Plant:   {path}", f"Next:    {following}"
 
 
 def _limits(text: str) -> tuple[float, float] | None:
@@ -56,24 +68,27 @@ def _limits(text: str) -> tuple[float, float] | None:
 
 
 def _numbers(found: Found) -> Table:
-    """Return the numbers of the best model, and the 90 % interval of each over all models."""
-    table, units = Table("number", "best", "5 %", "95 %", box=None, header_style="bold"), unit_of(found)
+    """Return the numbers of the best model, and the 90 % interval of each over the models that have it."""
+    headings = "number", "best", "5 %", "95 %", "models"
+    table, units = Table(*headings, box=None, header_style="bold"), unit_of(found)
     for name, value in found.models[found.best].numbers.items():
-        texts = (number(float(f"{v:.3g}")) for v in (value, *found.intervals[name]))
+        low, high, count = interval(found.models, name)
+        texts = number(float(f"{value:.3g}")), *ends(low, high), str(count)
         table.add_row(plain(labeled(name, units(name))), *texts)
     return table
 
 
 def _conditions(found: Found, made: Identified) -> tuple[str, ...]:
     """Return what the model holds for, a sentence each."""
-    (u, y), (of_u, of_y) = found.start, found.units
+    (u, y), (of_u, of_y), (low, high) = found.start, found.units, found.limits
     drift = f", drift of {_quantity(made.drift, of_y)}" if made.drift else ""
     start = f"{found.output} = {_quantity(y, of_y)} and {found.input} = {_quantity(u, of_u)}"
     return (
-        f"The intervals are over {len(found.models)} models that explain the record about as well.",
+        f"Each interval is over those of {len(found.models)} models, which explain the record about as well, "
+        "that have the number.",
         f"Noise of {_quantity(made.noise, of_y)}{drift}.",
-        f"The model is one of changes from {start}; the input may move by up to "
-        f"{_quantity(found.reach, of_u)} either way (--limits).",
+        f"The plant is linear around the start, {start}; {found.input} may reach "
+        f"{number(low)} to {_quantity(high, of_u)} (--limits).",
     )
 
 

@@ -34,7 +34,7 @@ def test_every_record_has_a_step_after_a_start_at_rest_and_noise_within_its_rang
     assert np.std(plant.y[:first]) <= 0.08 * np.ptp(plant.y)
 
 
-def test_truths_are_in_the_sample_of_their_records_and_no_other_plant_is(identification):
+def test_truths_are_in_the_sample_of_their_records_and_near_the_best_model(identification):
     found = [*identification.campaign(range(203, 208))]
     inside = [one for _, one, _ in found if one is not None and one.inside]
     assert len(inside) >= 4

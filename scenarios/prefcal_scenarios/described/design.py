@@ -17,7 +17,7 @@ from prefcal_env.errors import PlantError, ScenarioError
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.plants.jacobians import D, U, X
 from prefcal_env.plants.plant import Plant
-from prefcal_env.plants.systems import LinearSystem, local_system, motion, rates_of
+from prefcal_env.plants.systems import LinearPlant, LinearSystem, local_system, motion, rates_of
 from prefcal_env.wording import did_you_mean
 
 # --- Find a steady state of a plant, near the middle of the range of its inputs.
@@ -42,14 +42,16 @@ class OperatingPoint:
 def operating_point(plant: Plant) -> OperatingPoint:
     """Return a steady state of `plant`, at the middle of its inputs' ranges if possible.
 
-    If the plant has `x0`, the search starts there; otherwise in the middle of the states' limits,
-    at 0 and at 1. A steady state to which the plant settles by itself comes first. If there is
-    none for these inputs, as for a tank that integrates its flows, the inputs may move.
+    A plant that says at which inputs it rests is left there. If the plant has `x0`, the search starts
+    there; otherwise in the middle of the states' limits, at 0 and at 1. A steady state to which the plant
+    settles by itself comes first. If there is none for these inputs, as for a tank that integrates its
+    flows, the inputs may move.
 
     Raises:
         ScenarioError: If there is no steady state within the limits.
     """
-    held = Held(plant, _middles(plant.inputs), _middles(plant.disturbances))
+    known = plant.rest if isinstance(plant, LinearPlant) else None
+    held = Held(plant, known[0] if known else _middles(plant.inputs), _middles(plant.disturbances))
     guesses = list(_guesses(plant))
     for find in (held.rest, held.settled, held.root):
         for guess in guesses:

@@ -4,7 +4,7 @@ import json
 import re
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,17 +16,18 @@ from prefcal_env.errors import RecordError, ScenarioError
 from prefcal_env.experiments.experiment import Channel, End
 from prefcal_env.plain import UNREADABLE, from_plain, to_plain
 from prefcal_env.plants.explained import Model
-from prefcal_env.plants.identify import Identified, identify
+from prefcal_env.plants.identify import Identified, identify, interval
 from prefcal_env.plants.systems import LinearPlant, LinearSystem, Sample, system_of
 from prefcal_env.tables.frame import TableColumns
-from prefcal_scenarios.names import TABLES
-
-ENDING = ".plant.json"
-"""Ending of the file beside a record that keeps what was identified."""
+from prefcal_scenarios.names import KEPT_PLANT, TABLES
+from prefcal_scenarios.wording import number
 
 # --- Read a record: its input, its output and its time, guessed where that is obvious.
 
-_INPUT = re.compile(r"(u|in|input|mv|op|out|co|cv|valve|pump|heater)\b.*", re.IGNORECASE)
+_INPUT = re.compile(
+    r"(u|in|input|mv|op|co|valve|pump|heater)([ _-]?(position|opening|power|speed|output|\d+))?",
+    re.IGNORECASE,
+)
 _HELD = 0.2  # share of the rows in which an input that was stepped by hand changes, at most
 
 
@@ -43,7 +44,7 @@ class StepTest:
 
 
 def step_test(path: Path, about: TableColumns | None = None, output: str = "", given: str = "") -> StepTest:
-    """Return the record in a file, which may be all that `prefcal look` reads.
+    """Read a step test from any file that `prefcal look` reads.
 
     Args:
         path: CSV, Parquet or Excel file.
@@ -99,16 +100,13 @@ def _list(names: Any) -> str:
 
 # --- Keep what was identified, and make the plant of it.
 
-_NUMBERS = ("gain", "rate", "time constant 1", "dead time")
+_NUMBERS = ("gain", "rate", "time constant 1", "lag 1", "1/ω", "dead time")
 """Numbers whose intervals say what a record leaves open."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Found:
-    """What was identified of a record, as it is kept in a file.
-
-    The plant is a model of changes: its input and output are 0 where the record started.
-    """
+    """What was identified of a record, as it is kept in a file."""
 
     record: str  # name of the record
     digest: str  # SHA-256 of the record, in hexadecimal digits
@@ -116,11 +114,10 @@ class Found:
     input: str
     output: str
     units: tuple[str, str]  # of input and output
-    start: tuple[float, float]  # values of input and output at the start
-    reach: float  # how far the input may move from its start, either way
+    start: tuple[float, float]  # values of input and output at the start, from which models say the changes
+    limits: tuple[float, float]  # what the input may reach
     best: int  # number of the most probable model
     models: tuple[Model, ...]  # those that are easiest to control first
-    intervals: dict[str, tuple[float, float]] = field(default_factory=dict)  # of 90 %, by number
 
     @classmethod
     def of(cls, path: Path, test: StepTest, found: Identified, limits: tuple[float, float] | None) -> "Found":
@@ -129,7 +126,7 @@ class Found:
         Raises:
             RecordError: If the record is beyond the limits.
         """
-        u, y = float(found.u[0]), float(found.y[: max(int(np.argmax(found.u != found.u[0])), 1)].mean())
+        u, first = float(test.u[0]), int(np.argmax(test.u != test.u[0]))
         return cls(
             record=path.name,
             digest=digest_of(path),
@@ -137,11 +134,10 @@ class Found:
             input=test.input.name,
             output=test.output.name,
             units=(test.input.unit, test.output.unit),
-            start=(u, y),
-            reach=_reach(test.input, found.u, limits),
+            start=(u, float(test.y[: max(first, 1)].mean())),
+            limits=_limits(test.input, test.u, limits),
             best=found.best,
             models=found.models,
-            intervals={name: found.interval(name) for name in found.models[found.best].numbers},
         )
 
     @classmethod
@@ -149,11 +145,17 @@ class Found:
         """Return what a file keeps. Raises ScenarioError if it cannot be read."""
         try:
             content = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, *UNREADABLE) as error:
+            found = from_plain(content, cls, ScenarioError, "its content")
+            if not 0 <= found.best < len(found.models):
+                raise ScenarioError(f"best must be a number of a model, got {found.best}")
+        except OSError as error:
             raise ScenarioError(f"cannot read the identified plant {str(path)!r}: {error}") from error
-        found = from_plain(content, cls, ScenarioError, repr(str(path)))
-        if not 0 <= found.best < len(found.models):
-            raise ScenarioError(f"{str(path)!r}: best must be a number of a model, got {found.best}")
+        except (ScenarioError, *UNREADABLE) as error:
+            # Not identified again at once: limits that were given with it would be lost without a word.
+            raise ScenarioError(
+                f"cannot read the identified plant {str(path)!r}, which is damaged or of another version: "
+                f"{error}. Delete it, or identify its record again: prefcal identify"
+            ) from error
         return found
 
     def write(self, path: Path) -> None:
@@ -163,29 +165,41 @@ class Found:
     @property
     def told(self) -> str:
         """Return what the record leaves open, for people."""
-        units = unit_of(self)
-        said = [
-            f"{name} {low:.3g} to {high:.3g} {units(name)}".rstrip()
-            for name, (low, high) in self.intervals.items()
-            if name in _NUMBERS
-        ]
+        units, said = unit_of(self), list[str]()
+        for name in self.models[self.best].numbers:
+            if name in _NUMBERS:
+                low, high, _ = interval(self.models, name)
+                said.append(f"{name} {' to '.join(ends(low, high))} {units(name)}".rstrip())
+        share = float(np.mean([model.integrates for model in self.models]))
+        if 0 < share < 1:
+            said.append(f"{100 * share:.2g} % of the models integrate")
         return ", ".join(said)
 
     def plant(self) -> LinearPlant:
-        """Return the plant: the most probable model, and what else it may be."""
+        """Return the plant: the most probable model around the start, and what else it may be."""
         order = max(len(model.den) for model in self.models) - 1
         systems = tuple((_padded(model, order), model.delay) for model in self.models)
         u, y = self.start
         names = f"{self.output} by {self.input}"
-        about = f"changes from {y:.4g} {self.units[1]}".rstrip() + f" at {u:.4g} {self.units[0]}".rstrip()
+        about = f"around {y:.4g} {self.units[1]}".rstrip() + f" at {u:.4g} {self.units[0]}".rstrip()
         plant = LinearPlant(
             (systems[0][0].A, systems[0][0].B, systems[0][0].C, systems[0][0].D),
-            inputs=[Channel(self.input, self.units[0], -self.reach, self.reach)],
+            inputs=[Channel(self.input, self.units[0], *self.limits)],
             outputs=[Channel(self.output, self.units[1])],
+            rest=self.start,
             name=f"{names} ({about})",
             time_unit=self.time_unit,
         )
         return plant.among(Sample(systems, self.best, self.record, self.told))
+
+
+def ends(low: float, high: float) -> tuple[str, str]:
+    """Return the ends of an interval for people: with three digits, or four if they would read alike."""
+    for digits in (3, 4):
+        texts = number(float(f"{low:.{digits}g}")), number(float(f"{high:.{digits}g}"))
+        if texts[0] != texts[1]:
+            break
+    return texts
 
 
 def unit_of(found: Found) -> Any:
@@ -203,21 +217,23 @@ def unit_of(found: Found) -> Any:
     return unit
 
 
-def _reach(c: Channel, u: Float[np.ndarray, " K"], limits: tuple[float, float] | None) -> float:
-    """Return how far an input may move from its start, either way: a study starts where the record did.
+def _limits(
+    c: Channel, u: Float[np.ndarray, " K"], limits: tuple[float, float] | None
+) -> tuple[float, float]:
+    """Return what an input may reach.
 
-    Without limits, they are 0 and 100 if it is in %, or else twice as far away as the record moves it.
+    Unless that is given, it is 0 and 100 if it is in %, or else twice as far away as the record moves it.
     """
     start, moved = float(u[0]), float(np.abs(u - u[0]).max())
     if limits is None and not (c.unit == "%" and u.min() >= 0 and u.max() <= 100):
-        return 2 * moved
+        return start - 2 * moved, start + 2 * moved
     low, high = limits or (0.0, 100.0)
     if u.min() < low or u.max() > high:
         raise RecordError(
             f"{c.name} is {u.min():g} to {u.max():g} {c.unit}".rstrip()
             + f", beyond its limits {low:g} to {high:g}"
         )
-    return max(min(start - low, high - start), moved)
+    return low, high
 
 
 def _padded(model: Model, order: int) -> LinearSystem:
@@ -233,7 +249,7 @@ def _padded(model: Model, order: int) -> LinearSystem:
 
 def is_record(source: str) -> bool:
     """Return whether a plant is named by its record, or by what was identified of one."""
-    return source.lower().endswith((ENDING, *TABLES))
+    return source.lower().endswith((KEPT_PLANT, *TABLES))
 
 
 def plant_of_record(source: str) -> LinearPlant:
@@ -246,14 +262,17 @@ def plant_of_record(source: str) -> LinearPlant:
         ScenarioError: If the file cannot be read.
     """
     path = Path(source)
-    if source.endswith(ENDING):
+    if source.lower().endswith(KEPT_PLANT):
         return Found.read(path).plant()
-    kept = path.with_suffix(ENDING)
+    kept = path.with_suffix(KEPT_PLANT)
     if path.is_file() and kept.is_file():
         found = Found.read(kept)
         if found.digest == digest_of(path):
             return found.plant()
-    return identified(path)[0].plant()
+    found, _ = identified(path)
+    with suppress(OSError):  # a folder to read only: it is identified again next time
+        found.write(kept)
+    return found.plant()
 
 
 def identified(
@@ -263,13 +282,10 @@ def identified(
     resolution: float = 0.0,
     limits: tuple[float, float] | None = None,
 ) -> tuple[Found, Identified]:
-    """Identify a record, and keep what is found beside it if its folder can be written to."""
+    """Return what a record tells: as it is kept in a file, and as it was found."""
     test = step_test(path) if test is None else test
     try:
         made = identify(test.t, test.u, test.y, resolution=resolution)
     except RecordError as error:
         raise RecordError(f"{path}: {error}") from error
-    found = Found.of(path, test, made, limits)
-    with suppress(OSError):  # a folder to read only: it is identified again next time
-        found.write(path.with_suffix(ENDING))
-    return found, made
+    return Found.of(path, test, made, limits), made

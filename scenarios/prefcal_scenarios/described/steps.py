@@ -326,10 +326,12 @@ def _brief(plant: Plant, design: Design) -> str:
             limits = f"{c.low:g} to {c.high:g} {c.unit}".rstrip()
             said.append(f"The plant does not limit {c.name}; {limits} is assumed.")
         if loop.way:
+            absolute = getattr(plant, "rest", None) is not None
             said.append(
-                f"The plant rests only with {c.name} at its limit of {loop.rest:g} {c.unit}".rstrip()
-                + f", from where it can only {'rise' if loop.way > 0 else 'fall'}: if its values are "
-                "deviations, give it limits on both sides of 0."
+                f"The plant rests {'here' if absolute else 'only'} with {c.name} at its limit of "
+                f"{loop.rest:g} {c.unit}".rstrip()
+                + f", from where it can only {'rise' if loop.way > 0 else 'fall'}"
+                + ("." if absolute else ": if its values are deviations, give it limits on both sides of 0.")
             )
     said += getattr(getattr(plant, "system", None), "cleaned", ())
     said.append(

@@ -16,11 +16,12 @@ def test_numbers_picture_and_plant_are_said_and_kept_and_the_next_command_works(
     said = done("identify", "step.csv")
     assert said.startswith("temperature by valve, 200 rows\nA lag, ")
     (gain,) = [line.split() for line in said.splitlines() if line.strip().startswith("gain")]
-    best, low, high = map(float, gain[2:])
+    best, low, high, models = map(float, gain[2:])
     assert gain[1] == "[°C/%]"
     assert low <= best <= high
     assert best == pytest.approx(1.8, rel=0.05)
-    assert "the input may move by up to 40 % either way" in said
+    assert models == 300
+    assert "around the start, temperature = 52 °C and valve = 40 %; valve may reach 0 to 100 %" in said
     assert (tmp_path / "step.png").read_bytes()[:4] == b"\x89PNG"
     assert len(json.loads((tmp_path / "step.plant.json").read_text(encoding="utf-8"))["models"]) == 300
     assert said.splitlines()[-1] == "Next:    prefcal calibrate pid --plant step.plant.json"
@@ -34,10 +35,21 @@ def test_columns_units_limits_and_picture_can_be_named(done, tmp_path):
     options = ["--time", "s", "--input", "MV", "--output", "T2", "--unit", "T2=K", "--limits", "20:80"]
     said = done("identify", "log.csv", *options, "--out", "look.png")
     assert said.startswith("T2 by MV, 200 rows")
-    assert "up to 20 either way" in said
+    assert "MV may reach 20 to 80 (--limits)" in said
     assert "Noise of 0.0" in said
     assert " K." in said
     assert (tmp_path / "look.png").is_file()
+
+
+def test_the_next_command_is_quoted_and_none_is_said_if_the_plant_cannot_be_kept(done, tmp_path):
+    (tmp_path / "step.csv").rename(tmp_path / "my step.csv")
+    said = done("identify", "my step.csv")
+    assert said.splitlines()[-1] == "Next:    prefcal calibrate pid --plant 'my step.plant.json'"
+    (tmp_path / "my step.plant.json").unlink()
+    (tmp_path / "my step.plant.json").mkdir()
+    said = done("identify", "my step.csv")
+    assert "Plant:   not kept, since my step.plant.json cannot be written: " in said
+    assert "Next:" not in said
 
 
 @pytest.mark.parametrize(

@@ -62,11 +62,11 @@ def test_the_numbers_of_a_model_are_those_of_its_transfer_function():
     )
 
 
-def test_an_integrator_has_a_rate_and_an_oscillation_a_damping():
-    numbers = Model("an integrator and two lags", (0.3,), (4.0, 1.2, 1.0, 0.0), 0.0).numbers
-    assert numbers == pytest.approx(
-        {"rate": 0.3, "time constant 1": 2.0, "time constant 2": 2.0, "damping": 0.3, "dead time": 0.0}
-    )
+def test_an_integrator_has_a_rate_and_lags_and_an_oscillation_a_damping():
+    swinging = Model("an integrator and two lags", (0.3,), (4.0, 1.2, 1.0, 0.0), 0.0).numbers
+    assert swinging == pytest.approx({"rate": 0.3, "1/ω": 2.0, "damping": 0.3, "dead time": 0.0})
+    lagging = Model("an integrator and two lags", (0.3,), (6.0, 5.0, 1.0, 0.0), 0.0).numbers
+    assert lagging == pytest.approx({"rate": 0.3, "lag 1": 3.0, "lag 2": 2.0, "dead time": 0.0})
 
 
 def test_the_density_is_highest_for_the_family_and_shape_that_made_the_record():

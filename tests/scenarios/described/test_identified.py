@@ -1,18 +1,22 @@
 """A record as a plant: its columns, what is kept beside it, and what a verification varies of it."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from prefcal_env.envs.varied_plant import factors_of, varied_plant
 from prefcal_env.errors import RecordError, ScenarioError, SettingsError
+from prefcal_env.plants.explained import Model
 from prefcal_env.plants.systems import LinearPlant
 from prefcal_env.sources.varied import within
 from prefcal_scenarios import load
 from prefcal_scenarios.described import identified
-from prefcal_scenarios.described.identified import ENDING, Found, plant_of_record, step_test
+from prefcal_scenarios.described.identified import Found, ends, plant_of_record, step_test
 from prefcal_scenarios.described.making import plant_at
+from prefcal_scenarios.names import KEPT_PLANT
+from prefcal_scenarios.own import files_of, fingerprint
 from prefcal_scenarios.verification import verify
 from support.step_tests import ROWS, T, U, response, table
 
@@ -29,17 +33,58 @@ def plant(record):
     return plant_of_record(str(record))
 
 
-def test_the_plant_is_about_the_start_of_the_record_and_moves_as_far_as_its_limits(plant):
+def test_the_plant_has_the_values_of_the_record_and_moves_as_far_as_its_limits(plant):
     (u,), (y,) = plant.inputs, plant.outputs
-    assert (u.name, u.unit, u.low, u.high) == ("valve", "%", -40, 40)
+    assert (u.name, u.unit, u.low, u.high) == ("valve", "%", 0, 100)
     assert (y.name, y.unit, plant.time_unit) == ("temperature", "°C", "s")
-    assert plant.name == "temperature by valve (changes from 52 °C at 40 %)"
+    assert plant.name == "temperature by valve (around 52 °C at 40 %)"
     assert float(plant.system.at(0j)[0, 0].real) == pytest.approx(1.8, rel=0.05)
+    none = np.zeros(0)
+    x = plant.hold(np.zeros(len(plant.states)), np.array([46.0]), none, [1e3])[-1]
+    assert plant.g(x, np.array([46.0]), none) == pytest.approx(52 + 1.8 * 6, abs=0.2)
+
+
+@pytest.mark.parametrize("kind", ["pid", "lqr"])
+def test_a_study_starts_where_the_record_did_with_limits_as_the_actuator_has_them(record, plant, kind):
+    scenario = load(f'{kind} {{"plant": "{record.as_posix()}", "reference": {{"temperature": 60}}}}')
+    made = scenario.run(scenario.references["robust"])
+    settings = scenario.settings(scenario.references["robust"])
+    assert made.y[0] == pytest.approx(52, abs=0.05)
+    assert made.y_ref[0] == 60
+    assert made.kpis["settling_time"] < np.inf
+    assert made.kpis["recovery"] < np.inf
+    limits = settings.get("model", settings)
+    assert (np.ravel(limits["low"]), np.ravel(limits["high"])) == (0.0, 100.0)
+    if kind == "lqr":
+        assert limits["u0"] == [40.0]
+        assert limits["y0"] == pytest.approx([52], abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("start", "unit", "expected"), [(0.0, "%", (0, 100)), (97.0, "", (85, 109)), (97.0, "%", (85, 109))]
+)
+def test_limits_are_those_of_percent_or_twice_the_move_away(tmp_path, start, unit, expected):
+    path = tmp_path / "step.csv"
+    path.write_text(table("time", f"valve [{unit}]", "level", columns=(T, U - U[0] + start, response())))
+    (valve,) = plant_of_record(str(path)).inputs
+    assert (valve.low, valve.high) == expected
+
+
+def test_an_input_that_rests_at_its_limit_stays_there_in_a_narrower_range(tmp_path):
+    path = tmp_path / "step.csv"
+    path.write_text(table(columns=(T, U - U[0], response())))
+    plant = plant_of_record(str(path))
+    (valve,) = varied_plant(plant, {"range of valve": 0.9}).inputs
+    assert (valve.low, valve.high) == (0, 90)
+    scenario = load(f'pid {{"plant": "{path.as_posix()}"}}')
+    assert (
+        "The plant rests here with valve at its limit of 0 %, from where it can only rise." in scenario.brief
+    )
 
 
 def test_a_record_is_identified_once_and_again_when_it_changes(record, plant, monkeypatch):
     monkeypatch.setattr(identified, "identify", lambda *args, **more: pytest.fail("identified again"))
-    kept = record.with_suffix(ENDING)
+    kept = record.with_suffix(KEPT_PLANT)
     for source in (str(record), str(kept)):
         again = plant_at(source)
         assert isinstance(again, LinearPlant)
@@ -54,7 +99,7 @@ def test_a_record_is_identified_once_and_again_when_it_changes(record, plant, mo
 
 
 def test_a_file_that_is_none_is_refused(tmp_path):
-    path = tmp_path / f"step{ENDING}"
+    path = tmp_path / f"step{KEPT_PLANT}"
     with pytest.raises(ScenarioError, match=r"cannot read .*step\.plant\.json"):
         plant_at(str(path))
     path.write_text('{"record": 3}')
@@ -63,11 +108,49 @@ def test_a_file_that_is_none_is_refused(tmp_path):
 
 
 def test_a_best_model_that_is_none_of_the_models_is_refused(record, plant, tmp_path):
-    content = json.loads(record.with_suffix(ENDING).read_text(encoding="utf-8"))
-    path = tmp_path / f"step{ENDING}"
+    content = json.loads(record.with_suffix(KEPT_PLANT).read_text(encoding="utf-8"))
+    path = tmp_path / f"step{KEPT_PLANT}"
     path.write_text(json.dumps({**content, "best": 300}))
     with pytest.raises(ScenarioError, match="best must be a number of a model, got 300"):
         Found.read(path)
+
+
+@pytest.mark.parametrize("damage", ["", "{", '{"reach": 40}'])
+def test_a_damaged_or_older_file_beside_a_record_is_not_used_and_what_to_do_is_said(record, tmp_path, damage):
+    path = tmp_path / "step.csv"
+    path.write_text(record.read_text(encoding="utf-8"), encoding="utf-8")
+    path.with_suffix(KEPT_PLANT).write_text(damage)
+    with pytest.raises(ScenarioError, match=r"step\.plant\.json.* Delete it, or identify its record again"):
+        plant_at(str(path))
+
+
+@pytest.mark.parametrize("name", ["step.csv", f"step{KEPT_PLANT}"])
+def test_a_study_follows_what_was_identified(record, plant, tmp_path, name):
+    for source in (record, record.with_suffix(KEPT_PLANT)):
+        (tmp_path / source.name).write_bytes(source.read_bytes())
+    scenario, kept = f'pid {{"plant": "{(tmp_path / name).as_posix()}"}}', tmp_path / f"step{KEPT_PLANT}"
+    assert kept in files_of(scenario)
+    before = fingerprint(scenario)
+    kept.write_text(json.dumps({**json.loads(kept.read_text(encoding="utf-8")), "limits": [20, 80]}))
+    assert fingerprint(scenario) != before
+
+
+def test_a_file_that_names_a_record_follows_it_and_its_plant(record, plant, tmp_path):
+    for source in (record, record.with_suffix(KEPT_PLANT)):
+        (tmp_path / source.name).write_bytes(source.read_bytes())
+    study = tmp_path / "study.toml"
+    study.write_text('controller = "pid"\nplant = "step.csv"\n')
+    assert {path.name for path in files_of(str(study))} == {"study.toml", "step.csv", f"step{KEPT_PLANT}"}
+
+
+def test_a_study_has_the_same_files_before_and_after_its_plant_is_loaded_again(record, plant, tmp_path):
+    path = tmp_path / "step.csv"
+    path.write_text(record.read_text(encoding="utf-8"), encoding="utf-8")
+    source = f'pid {{"plant": "{path.as_posix()}"}}'
+    load(source)  # as before each study begins: the plant is kept beside the record
+    before = fingerprint(source)
+    load(source)
+    assert fingerprint(source) == before
 
 
 # --- What varies: the models in place of gain, time constants and dead time; the rest as usual.
@@ -82,7 +165,7 @@ def test_the_sample_takes_the_place_of_gain_lags_and_dead_time(plant):
         300.0,
     )
     assert sample.robust
-    assert "identified: gain 1.8 to 1.8 °C/%, time constant 1 19.9 to 20.1 s, dead time" in sample.told
+    assert "identified: gain 1.796 to 1.804 °C/%, time constant 1 19.9 to 20.1 s, dead time" in sample.told
     assert [each.name for each in others] == ["range of valve"]
 
 
@@ -91,7 +174,7 @@ def test_each_number_is_another_plant_that_rests_where_the_study_does(plant):
     made = [varied_plant(plant, {sample.name: float(k)}).plant for k in (1, 150, 300)]
     assert len({each.system.A.tobytes() for each in made}) == 3
     for each in made:
-        assert not each.f(np.zeros(len(plant.states)), np.zeros(1), np.zeros(0)).any()
+        assert not each.f(np.zeros(len(plant.states)), plant.u0, np.zeros(0)).any()
         assert each.system.at(0j)[0, 0].real == pytest.approx(1.8, rel=0.1)
     nominal = varied_plant(plant, {}).plant
     assert np.array_equal(nominal.system.A, plant.system.A)
@@ -113,6 +196,21 @@ def test_a_verification_names_the_record_and_what_it_leaves_open(record, plant):
     assert "dead time" not in {name for name, _ in found.left_out}
 
 
+def test_intervals_are_told_with_a_digit_more_where_their_ends_read_alike():
+    assert ends(1.7964, 1.8037) == ("1.796", "1.804")
+    assert ends(1.7964, 1.8135) == ("1.8", "1.81")
+
+
+def test_models_that_integrate_and_others_are_told_as_a_share(record, plant):
+    found = Found.read(record.with_suffix(KEPT_PLANT))
+    other = Model("an integrator", (0.1,), (1.0, 0.0), 2.0)
+    assert "integrate" not in found.told
+    mixed = replace(found, models=(*found.models[:285], *[other] * 15), best=0)
+    assert mixed.told.endswith("5 % of the models integrate")
+    assert "rate 0" not in mixed.told
+    assert "gain 1.7" in mixed.told
+
+
 # --- Which column is which.
 
 
@@ -123,13 +221,16 @@ def test_a_verification_names_the_record_and_what_it_leaves_open(record, plant):
         (("time", "a", "b"), (T, response(), U), {}, ("b", "a")),
         (("time", "a", "b"), (T, U, response()), {"given": "b", "output": "a"}, ("b", "a")),
         (("time", "a", "b", "c"), (T, U, response(), response(2)), {"output": "c"}, ("a", "c")),
+        (("time", "heater temperature", "heater power"), (T, response(), U), {}, ("heater power",)),
+        (("time", "CV", "MV"), (T, response(), response(2)), {}, ("MV", "CV")),
+        (("time", "valve_position", "level"), (T, response(), response(2)), {}, ("valve_position", "level")),
     ],
 )
 def test_columns_are_guessed_or_named(tmp_path, headings, columns, more, names):
     path = tmp_path / "step.csv"
     path.write_text(table(*headings, columns=columns))
     test = step_test(path, **more)
-    assert (test.input.name, test.output.name) == names
+    assert (test.input.name, test.output.name)[: len(names)] == names
     assert np.array_equal(test.t, T)
 
 
@@ -155,4 +256,4 @@ def test_a_record_that_does_not_tell_is_refused_with_its_name(tmp_path):
     path.write_text(table("time", "valve", "level", columns=(T, np.full(ROWS, 3.0), response())))
     with pytest.raises(RecordError, match=r"step\.csv: there is no step in the input"):
         plant_of_record(str(path))
-    assert not path.with_suffix(ENDING).exists()
+    assert not path.with_suffix(KEPT_PLANT).exists()

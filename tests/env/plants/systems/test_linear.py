@@ -8,7 +8,7 @@ from scipy import signal
 
 from prefcal_env import Channel, FunctionPlant, LTILoop, Move, Plant
 from prefcal_env.errors import PlantError, SettingsError
-from prefcal_env.plants.systems import of_fractions, system_of
+from prefcal_env.plants.systems import motion, of_fractions, system_of
 from support.held import A, B, C, D, Held, driven
 
 
@@ -21,6 +21,28 @@ def test_a_mimo_plant_steps_as_scipy_says(system):
     there = np.isin(np.round(run.t, 6), np.round(t, 6))
     assert at.sum() > 400
     assert run.y[there] == pytest.approx(y[at], abs=1e-9)
+
+
+@pytest.mark.parametrize("dt", [(), (0.1,)], ids=["continuous", "discrete"])
+def test_a_plant_with_a_rest_moves_as_without_it_but_in_absolute_values(dt):
+    matrices, u, y = ([[0.5]], [[2.0]], [[3.0]], [[0.7]], *dt), np.array([40.0]), np.array([52.0])
+    own, absolute = Plant.of(matrices), Plant.of(matrices, rest=(u, y))
+    x, du, none, times = np.array([0.3]), np.array([1.5]), np.zeros(0), np.array([0.1, 0.2])
+    assert absolute.u0 == 40
+    assert absolute.f(x, u + du, none) == pytest.approx(own.f(x, du, none))
+    assert absolute.g(x, u + du, none) == pytest.approx(own.g(x, du, none) + y)
+    assert absolute.hold(x, u + du, none, times) == pytest.approx(own.hold(x, du, none, times))
+    assert absolute.entries(x, u + du, none).sum(axis=1) == pytest.approx(absolute.g(x, u + du, none))
+    for by_own, by_absolute in zip(motion(own, x, du, none), motion(absolute, x, u + du, none), strict=True):
+        assert by_absolute == pytest.approx(by_own)
+
+
+def test_a_loop_of_a_plant_with_a_rest_settles_where_absolute_values_say():
+    plant = Plant.of(([2.0], [3.0, 1.0]), rest=(40.0, 52.0))
+    run = LTILoop(plant, lambda _: 1.0, horizon=50.0, reference=52.0)(np.ones(1))
+    # y = 52 + 2 (u - 40) with u = 52 - y
+    assert run.y[0] == 52
+    assert run.y[-1] == pytest.approx(76 / 3)
 
 
 def test_each_input_has_its_own_dead_time_even_if_it_changes_every_step():
