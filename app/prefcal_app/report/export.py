@@ -413,14 +413,17 @@ def equations(plant: LinearPlant) -> str:
     # Imported here: what only asks for versions needs no plants.
     from prefcal_env.controllers.margins import minimal
 
-    J, names = plant.system, [c.name for c in (*plant.inputs, *plant.disturbances)]
+    u, y = plant.rest or (np.zeros(len(plant.inputs)), np.zeros(len(plant.outputs)))
+    J, names = plant.system, [_from(c.name, at) for c, at in zip(plant.inputs, u.tolist(), strict=True)]
+    names += [c.name for c in plant.disturbances]
     late, unit = _dead_times(plant), plant.time_unit
     rows, sizes = list[str](), list[int]()
     for i, output in enumerate(plant.outputs):
         entries = [minimal(J.part([i], [j])) for j in range(len(names))]
         sizes += [len(entry.A) for entry in entries]
         terms = [f"{_fraction(e, late[i, j])} {names[j]}" for j, e in enumerate(entries) if e.B.any() or e.D]
-        rows.append(f"{output.name} = {' + '.join(terms) or 0}".replace("+ −", "− "))
+        change = _from(output.name, float(y[i]))
+        rows.append(f"{change} = {' + '.join(terms) or 0}".replace("+ −", "− "))
     if max(sizes) > _ORDER:
         numbers = (J.A, J.B, J.C, J.D, late, np.array(J.dt))
         digest = sha256(b"".join(np.ascontiguousarray(M).tobytes() for M in numbers)).hexdigest()
@@ -428,6 +431,11 @@ def equations(plant: LinearPlant) -> str:
         return f"{plant.name}: linear, {len(J.A)} states, SHA-256 of its {held} {digest[:16]}…"
     time = f"z of a sample of {number(J.dt)} {unit}" if J.dt else f"time in {unit}"
     return f"{'; '.join(rows)} ({time})"
+
+
+def _from(name: str, rest: float) -> str:
+    """Return a signal's change from its value at rest."""
+    return f"({name} {'−' if rest > 0 else '+'} {number(abs(rest))})" if rest else name
 
 
 def _dead_times(plant: LinearPlant) -> Float[np.ndarray, "n_y n"]:

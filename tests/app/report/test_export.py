@@ -57,6 +57,7 @@ def test_best_json_says_all_about_the_tuned_controller(best):
     ("system", "given", "text"),
     [
         (([0.8], [20, 1]), {"delay": 6.0}, "y = 0.8 e^(−6 s)/(20 s + 1) u (time in s)"),
+        (([2.0], [5, 1]), {"rest": (40.0, -3.0)}, "(y + 3) = 2/(5 s + 1) (u − 40) (time in s)"),
         (([-2.0, 1], [1, 0.4, 0]), {}, "y = (−5 s + 2.5)/(2.5 s² + s) u (time in s)"),
         (([1.0], [1, -1]), {"output_delay": 2.0}, "y = 1 e^(−2 s)/(s − 1) u (time in s)"),
         (([1.0], [1, 0, 0]), {"time_unit": "min"}, "y = 1/s² u (time in min)"),
