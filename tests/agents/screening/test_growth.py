@@ -57,11 +57,11 @@ def kept():
 @pytest.fixture
 def anew(monkeypatch):
     """The number of experiments of each stage that is learned from the one before."""
-    found, following = [], Growth._following
+    found, follow = [], Growth._follow
     monkeypatch.setattr(
         Growth,
-        "_following",
-        lambda g, past, *rest: (found.append(past.answered), following(g, past, *rest))[1],
+        "_follow",
+        lambda g, past, *rest: (found.append(past.answered), follow(g, past, *rest))[1],
     )
     return found
 
