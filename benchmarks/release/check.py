@@ -1,12 +1,14 @@
 """Check what a release would publish: build it, install it elsewhere, and run every command there.
 
     python benchmarks/release/check.py [--out dist] [--extra notebook] [--newest]
+    python benchmarks/release/check.py --into PYTHON [PYTHON ...]  # CI: in environments that exist
 
 Builds the source distributions of prefcal and prefcal-bench and, from them, the wheels; checks all
 with twine and compares the wheels' files with those of the repository. Then installs prefcal in a
 new environment and an empty folder, without the repository, measures what starting costs, adds
 prefcal-bench, and there runs each command with `--help` and once for real. `--newest` leaves the
-pins of constraints.txt out.
+pins of constraints.txt out. `--into` takes environments that have what prefcal needs, puts nothing
+but the wheel there, and runs what somebody runs first: less than a minute.
 """
 
 import argparse
@@ -109,6 +111,8 @@ RUNS: Mapping[str, Sequence[str]] = {
     "reproduce": ("reproduce paper --seeds 1 --jobs 1",),
 }
 """What is run of each command, in this order, since later runs read what earlier ones wrote."""
+FIRST = ("calibrate cstr --calibrator synthetic --n-max 4 --simulate 30 --out first", *RUNS["new"])
+"""What is run in environments that exist."""
 
 
 class WrongError(Exception):
@@ -205,13 +209,26 @@ def place_in(folder: Path) -> Place:
     return Place(empty, folder / "venv" / scripts / "python")
 
 
+def place_of(python: Path, folder: Path, wheel: Path) -> Place:
+    """Return an existing environment, with this wheel in place of its prefcal, and an empty folder."""
+    place = Place(Path(tempfile.mkdtemp(dir=folder)), python)
+    place.run("-m", "pip", "install", "-q", "--no-deps", "--force-reinstall", str(wheel))
+    from_there(place)
+    return place
+
+
+def from_there(place: Place) -> None:
+    """Raise WrongError if the environment imports prefcal from somewhere else."""
+    where = place.run("-c", "import prefcal_env; print(prefcal_env.__file__)")
+    if str(place.python.parents[1]) not in where:
+        raise WrongError(f"the environment imports prefcal from {where}")
+
+
 def install(place: Place, wheel: Path, extra: str, pinned: bool) -> None:
     """Install the wheel in an environment. Raises WrongError if prefcal is not imported from there."""
     pins = ("-c", str(ROOT / "constraints.txt")) if pinned else ()
     place.run("-m", "pip", "install", "-q", *pins, f"{wheel}[{extra}]" if extra else str(wheel))
-    where = place.run("-c", "import prefcal_env; print(prefcal_env.__file__)")
-    if str(place.folder.parent) not in where:
-        raise WrongError(f"the environment imports prefcal from {where}")
+    from_there(place)
 
 
 def started(place: Place) -> None:
@@ -245,6 +262,14 @@ def smoke(place: Place) -> None:
     place.run("tuned.py")
 
 
+def begin(place: Place) -> None:
+    """Run what somebody runs first, in an environment that had another prefcal before."""
+    started(place)
+    for words in FIRST:
+        place.prefcal(*words.split())
+    print("  fine:", "; ".join(("--help", *FIRST)))
+
+
 def starts(place: Place) -> None:
     """Measure what starting costs. Other programs can only lengthen it: the least of 40 counts."""
     if os.name == "nt":
@@ -257,25 +282,37 @@ def starts(place: Place) -> None:
             raise WrongError(f"python {' '.join(words)} takes {used:.2f} s, more than {limit:g}")
 
 
+def everything(folder: Path, wheel: Path, benchmark: Path, extra: str, pinned: bool) -> None:
+    """Install the wheels in a new environment in `folder`, and run all that they bring."""
+    print(f"{wheel.name}: installing it in a new environment", flush=True)
+    place = place_in(folder)
+    install(place, wheel, extra, pinned)
+    starts(place)
+    print(f"{benchmark.name}: installing it, too", flush=True)
+    install(place, benchmark, "", pinned)
+    smoke(place)
+
+
 def main() -> None:
     """Check everything; exit with code 1 if anything is wrong."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, help="keep the distributions in this folder")
     parser.add_argument("--extra", default="", help="extras of prefcal to install, separated by commas")
     parser.add_argument("--newest", action="store_true", help="no pins from constraints.txt")
+    parser.add_argument("--into", nargs="+", type=Path, metavar="PYTHON", help="of environments that exist")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         out = Path(name) / "dist" if given.out is None else given.out.resolve()
         out.mkdir(parents=True, exist_ok=True)
         try:
             wheel, benchmark = build(out, "prefcal"), build(out, "prefcal_bench")
-            print(f"{wheel.name}: installing it in a new environment", flush=True)
-            place = place_in(Path(name))
-            install(place, wheel, given.extra, not given.newest)
-            starts(place)
-            print(f"{benchmark.name}: installing it, too", flush=True)
-            install(place, benchmark, "", not given.newest)
-            smoke(place)
+            if given.into:
+                for python in given.into:
+                    print(f"{wheel.name}: into the environment of {python}", flush=True)
+                    # Not resolved: the link is what says which environment it is.
+                    begin(place_of(python.absolute(), Path(name), wheel))
+            else:
+                everything(Path(name), wheel, benchmark, given.extra, not given.newest)
         except (WrongError, subprocess.CalledProcessError) as error:
             sys.exit(f"not fit for release: {error}")
     print("fit for release")
