@@ -21,6 +21,7 @@ import venv
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import exp
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -69,6 +70,11 @@ print(min(least))
 FILES: Mapping[str, str] = {
     "a.csv": "time,level [m],valve\n0,0,1\n1,1.2,0.4\n2,2,0\n3,2,0\n",
     "b.csv": "time,level [m],valve\n0,0,0.5\n1,0.5,0.5\n2,1,0.5\n3,1.5,0.5\n",
+    "runs.csv": "overshoot,settling_time\n" + "".join(f"{n},{9 - n}\n" for n in range(8)),
+    "step.csv": "time,valve [%],level [cm]\n"
+    + "".join(
+        f"{t},{40 if t < 5 else 46},{50 + 10 * (1 - exp(-max(t - 7, 0) / 12)):.3f}\n" for t in range(60)
+    ),
     "tuned.py": "from prefcal_app import load_controller\nprint(load_controller('report/best.json').T_s)\n",
 }
 """Files that the runs below read."""
@@ -83,7 +89,13 @@ RUNS: Mapping[str, Sequence[str]] = {
         "calibrate cstr --simulate 30 --calibrator synthetic --n-max 4 --out screened",
         "calibrate overtake --agent random --calibrator synthetic --n-max 2 --out overtaken",
         "calibrate servo --agent glisp --calibrator hidden --n-max 5 --study servo.prefcal",
+        "calibrate pid --plant step.csv --calibrator synthetic --cost settling_time --simulate 30 "
+        "--n-max 3 --out pid",
     ),
+    "verify": ("verify pid/best.json --runs 5 --jobs 1",),
+    "export": tuple(f"export pid/best.json --to {form}" for form in ("st", "c", "forms")),
+    "identify": ("identify step.csv",),
+    "choose": ("choose runs.csv --terminal",),  # nobody is there to answer: it says so and stops
     "look": (
         "look a.csv b.csv --reference level=2 --inputs valve --out pair.png",
         "look s.prefcal:1 s.prefcal:best --json",
@@ -115,6 +127,10 @@ FIRST = ("calibrate cstr --calibrator synthetic --n-max 4 --simulate 30 --out fi
 """What is run in environments that exist."""
 
 
+GROUPS = {"bench", "studies"}
+"""Words that come before a command, some of them commands of their own."""
+
+
 class WrongError(Exception):
     """What is built is not fit for release."""
 
@@ -143,6 +159,7 @@ class Place:
             [program, *words],
             cwd=self.folder,
             env=self.environment,
+            stdin=subprocess.DEVNULL,
             capture_output=True,
             text=True,
             encoding="utf-8",
@@ -245,9 +262,8 @@ def smoke(place: Place) -> None:
     started(place)
     for name, content in FILES.items():
         (place.folder / name).write_text(content, encoding="utf-8")
-    groups = {"bench", "studies"}
     commands = [line for line in dict.fromkeys(place.run("-c", COMMANDS).splitlines()) if line]
-    untried = set(commands) - set(RUNS) - groups
+    untried = set(commands) - set(RUNS) - GROUPS
     if untried or not commands:
         raise WrongError(f"no run here tries {sorted(untried) or 'anything'}")
     for command in ("", *commands):
