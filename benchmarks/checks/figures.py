@@ -31,9 +31,9 @@ from examples import DRAWN, SAVED, examples, models
 from matplotlib.figure import Figure
 from measured import measured
 from PIL import Image
-from reactor_pictures import CalibratedRuns, gain, hole, lowest, rows_of, theta
+from reactor_pictures import hole, lowest, rows_of, theta
 from rich.console import Console
-from screens import looking, maneuvers, window
+from screens import calibrating, looking, maneuvers
 
 from prefcal_bench.published.plan import read_published
 from prefcal_bench.results import campaign_of
@@ -58,8 +58,6 @@ WORTH = {
     "worth_answers.png": "worth-answers-priorities.png",
 }
 """File of each figure of worth on the page of the benchmark."""
-ANSWERED = 5
-"""Number of questions to answer before the screenshot of the query window."""
 
 
 def prefcal(*words: str) -> str:
@@ -76,55 +74,40 @@ def prefcal(*words: str) -> str:
     return done.stdout
 
 
-def study(scenario: str, folder: Path) -> Mapping[str, Any]:
-    """Calibrate `scenario` unattended with glisp and the default seed; return the result.
+def study(scenario: str, folder: Path, *words: str) -> Mapping[str, Any]:
+    """Calibrate `scenario` unattended with the default seed; return the result.
 
-    The result is that of `--json`, with "initial" experiments, the "number" of the best one, and
-    every θ by experiment, with its cost. The report is in `folder`.
+    The result is that of `--json`, with the number of "initial" experiments, and the "costs" of all
+    by experiment. The report is in `folder`.
     """
-    words = ["calibrate", scenario, "--agent", "glisp", "--calibrator", "synthetic", "--json"]
-    words += ["--out", str(folder)]
-    result = json.loads(prefcal(*words, "--study", str(folder / "study.prefcal")))
-    tried: dict[int, tuple[list[float], float]] = {}
-    names = load(scenario).space.names
+    given = ["--study", str(folder / "study.prefcal"), "--out", str(folder), *words]
+    result = json.loads(prefcal("calibrate", scenario, "--calibrator", "synthetic", "--json", *given))
+    costs: dict[int, float] = {}
     with (folder / "comparisons.csv").open(encoding="utf-8") as file:
         for row in csv.DictReader(file):
             for side in ("challenger", "incumbent"):
-                heads = (next(h for h in row if h.partition(" [")[0] == f"{side} {name}") for name in names)
-                values = [float(row[head]) for head in heads]
-                cost = float(row[f"{side} cost"] or "nan")
-                tried[int(row[f"{side} experiment"])] = (values, cost)
+                costs[int(row[f"{side} experiment"])] = float(row[f"{side} cost"] or "nan")
     best = json.loads((folder / "best.json").read_text("utf-8"))
-    initial = best["study"]["initial experiments"]
-    return {**result, "tried": tried, "number": best["experiment"], "initial": int(initial)}
+    return {**result, "costs": costs, "initial": int(best["study"]["initial experiments"])}
 
 
 def reactor(folder: Path) -> tuple[Pictures, Story]:
-    """Draw GLISp's study of the reactor: its report's figures, and before and after."""
-    found = study("cstr", folder)
-    scenario, tried = load("cstr"), found["tried"]
+    """Draw GLISp's study of the reactor: the figures of its report."""
+    found = study("cstr", folder, "--agent", "glisp")
     pictures = {name: (folder / name).read_bytes() for name in REACTOR}
-    first = [scenario.run(np.array(tried[n][0])) for n in range(1, found["initial"] + 1)]
-    calibration = CalibratedRuns(
-        scenario,
-        first,
-        scenario.run(np.array(tried[found["number"]][0])),
-        found["number"],
-        [tried[n][1] for n in sorted(tried)],
-    )
     story = {
-        "experiments": len(tried),
+        "experiments": len(found["costs"]),
         "initial": found["initial"],
         "comparisons": found["questions"],
-        "index of the first": tried[1][1],
+        "index of the first": found["costs"][1],
         "index of the best": found["cost"],
     }
-    return {**pictures, "before_after.png": drawn(lambda: gain(calibration))}, story
+    return pictures, story
 
 
 def overtaking(folder: Path) -> tuple[Pictures, Story]:
-    """Draw the README's overtaking: the best run beside the first one."""
-    found = study("overtake", folder)
+    """Draw an overtaking: the best run beside the first one."""
+    found = study("overtake", folder, "--agent", "glisp")
     story = {"experiments": found["experiments"], "comparisons": found["questions"]}
     return {"overtaking.png": (folder / "overtaking.png").read_bytes()}, story
 
@@ -141,12 +124,12 @@ def reactor_index(folder: Path) -> tuple[Pictures, Story]:
 
 
 def query_window(folder: Path) -> tuple[Pictures, Story]:
-    """Take a screenshot of the query window, answered as by the synthetic calibrator."""
-    path, budget = str(folder / "answers.prefcal"), ["--n-max", str(ANSWERED + 2), "--n-init", "6"]
-    words = ["calibrate", "cstr", "--agent", "glisp", "--calibrator", "synthetic", *budget]
-    prefcal(*words, "--study", path, "--out", str(folder / "answers"))
-    shown = json.loads(prefcal("studies", "show", path, "--json"))
-    return {"query_window.png": window(folder, shown["questions"][:ANSWERED])}, {"answered": ANSWERED}
+    """Film a whole study on the page, answered like by a person who wants to settle soon."""
+    found = study("servo", folder, "--cost", "settling_time")
+    told = json.loads(prefcal("studies", "show", str(folder / "study.prefcal"), "--json"))
+    moving, still, answers = calibrating(folder, [asked["verdict"] for asked in told["questions"]])
+    story = {"answers": answers, "settling time before": found["costs"][1], "after": found["cost"]}
+    return {"calibrating.webp": moving, "query_window.png": still}, story
 
 
 def worth(folder: Path) -> tuple[Pictures, Story]:
@@ -198,12 +181,12 @@ def drive(loop: Any, controller: Any, until: float) -> float:
 
 Maker = Callable[[Path], tuple[Pictures, Story]]
 MAKERS: Mapping[str, tuple[Maker, tuple[str, ...]]] = {
-    "reactor": (reactor, (*REACTOR, "before_after.png")),
+    "reactor": (reactor, REACTOR),
     "overtaking": (overtaking, ("overtaking.png",)),
     "examples": (lambda folder: examples(ROOT / "docs", folder), SAVED),
     "environments": (environments, tuple(PICTURED)),
     "index": (reactor_index, ("reactor_index.png",)),
-    "window": (query_window, ("query_window.png",)),
+    "window": (query_window, ("calibrating.webp", "query_window.png")),
     "algorithm": (lambda folder: algorithm(), ("learning.png", "simulated.png")),
     "tracking": (lambda folder: measured(), ("tracking.png",)),
     "look": (looking, ("look.png",)),

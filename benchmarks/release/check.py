@@ -1,12 +1,14 @@
 """Check what a release would publish: build it, install it elsewhere, and run every command there.
 
     python benchmarks/release/check.py [--out dist] [--extra notebook] [--newest]
+    python benchmarks/release/check.py --into PYTHON [PYTHON ...]  # CI: in environments that exist
 
 Builds the source distributions of prefcal and prefcal-bench and, from them, the wheels; checks all
 with twine and compares the wheels' files with those of the repository. Then installs prefcal in a
 new environment and an empty folder, without the repository, measures what starting costs, adds
 prefcal-bench, and there runs each command with `--help` and once for real. `--newest` leaves the
-pins of constraints.txt out.
+pins of constraints.txt out. `--into` takes environments that have what prefcal needs, puts nothing
+but the wheel there, and runs what somebody runs first: less than a minute.
 """
 
 import argparse
@@ -19,6 +21,7 @@ import venv
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import exp
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -67,6 +70,11 @@ print(min(least))
 FILES: Mapping[str, str] = {
     "a.csv": "time,level [m],valve\n0,0,1\n1,1.2,0.4\n2,2,0\n3,2,0\n",
     "b.csv": "time,level [m],valve\n0,0,0.5\n1,0.5,0.5\n2,1,0.5\n3,1.5,0.5\n",
+    "runs.csv": "overshoot,settling_time\n" + "".join(f"{n},{9 - n}\n" for n in range(8)),
+    "step.csv": "time,valve [%],level [cm]\n"
+    + "".join(
+        f"{t},{40 if t < 5 else 46},{50 + 10 * (1 - exp(-max(t - 7, 0) / 12)):.3f}\n" for t in range(60)
+    ),
     "tuned.py": "from prefcal_app import load_controller\nprint(load_controller('report/best.json').T_s)\n",
 }
 """Files that the runs below read."""
@@ -81,7 +89,13 @@ RUNS: Mapping[str, Sequence[str]] = {
         "calibrate cstr --simulate 30 --calibrator synthetic --n-max 4 --out screened",
         "calibrate overtake --agent random --calibrator synthetic --n-max 2 --out overtaken",
         "calibrate servo --agent glisp --calibrator hidden --n-max 5 --study servo.prefcal",
+        "calibrate pid --plant step.csv --calibrator synthetic --cost settling_time --simulate 30 "
+        "--n-max 3 --out pid",
     ),
+    "verify": ("verify pid/best.json --runs 5 --jobs 1",),
+    "export": tuple(f"export pid/best.json --to {form}" for form in ("st", "c", "forms")),
+    "identify": ("identify step.csv",),
+    "choose": ("choose runs.csv --terminal",),  # nobody is there to answer: it says so and stops
     "look": (
         "look a.csv b.csv --reference level=2 --inputs valve --out pair.png",
         "look s.prefcal:1 s.prefcal:best --json",
@@ -109,6 +123,12 @@ RUNS: Mapping[str, Sequence[str]] = {
     "reproduce": ("reproduce paper --seeds 1 --jobs 1",),
 }
 """What is run of each command, in this order, since later runs read what earlier ones wrote."""
+FIRST = ("calibrate cstr --calibrator synthetic --n-max 4 --simulate 30 --out first", *RUNS["new"])
+"""What is run in environments that exist."""
+
+
+GROUPS = {"bench", "studies"}
+"""Words that come before a command, some of them commands of their own."""
 
 
 class WrongError(Exception):
@@ -139,6 +159,7 @@ class Place:
             [program, *words],
             cwd=self.folder,
             env=self.environment,
+            stdin=subprocess.DEVNULL,
             capture_output=True,
             text=True,
             encoding="utf-8",
@@ -205,13 +226,26 @@ def place_in(folder: Path) -> Place:
     return Place(empty, folder / "venv" / scripts / "python")
 
 
+def place_of(python: Path, folder: Path, wheel: Path) -> Place:
+    """Return an existing environment, with this wheel in place of its prefcal, and an empty folder."""
+    place = Place(Path(tempfile.mkdtemp(dir=folder)), python)
+    place.run("-m", "pip", "install", "-q", "--no-deps", "--force-reinstall", str(wheel))
+    from_there(place)
+    return place
+
+
+def from_there(place: Place) -> None:
+    """Raise WrongError if the environment imports prefcal from somewhere else."""
+    where = place.run("-c", "import prefcal_env; print(prefcal_env.__file__)")
+    if str(place.python.parents[1]) not in where:
+        raise WrongError(f"the environment imports prefcal from {where}")
+
+
 def install(place: Place, wheel: Path, extra: str, pinned: bool) -> None:
     """Install the wheel in an environment. Raises WrongError if prefcal is not imported from there."""
     pins = ("-c", str(ROOT / "constraints.txt")) if pinned else ()
     place.run("-m", "pip", "install", "-q", *pins, f"{wheel}[{extra}]" if extra else str(wheel))
-    where = place.run("-c", "import prefcal_env; print(prefcal_env.__file__)")
-    if str(place.folder.parent) not in where:
-        raise WrongError(f"the environment imports prefcal from {where}")
+    from_there(place)
 
 
 def started(place: Place) -> None:
@@ -228,9 +262,8 @@ def smoke(place: Place) -> None:
     started(place)
     for name, content in FILES.items():
         (place.folder / name).write_text(content, encoding="utf-8")
-    groups = {"bench", "studies"}
     commands = [line for line in dict.fromkeys(place.run("-c", COMMANDS).splitlines()) if line]
-    untried = set(commands) - set(RUNS) - groups
+    untried = set(commands) - set(RUNS) - GROUPS
     if untried or not commands:
         raise WrongError(f"no run here tries {sorted(untried) or 'anything'}")
     for command in ("", *commands):
@@ -245,6 +278,14 @@ def smoke(place: Place) -> None:
     place.run("tuned.py")
 
 
+def begin(place: Place) -> None:
+    """Run what somebody runs first, in an environment that had another prefcal before."""
+    started(place)
+    for words in FIRST:
+        place.prefcal(*words.split())
+    print("  fine:", "; ".join(("--help", *FIRST)))
+
+
 def starts(place: Place) -> None:
     """Measure what starting costs. Other programs can only lengthen it: the least of 40 counts."""
     if os.name == "nt":
@@ -257,25 +298,37 @@ def starts(place: Place) -> None:
             raise WrongError(f"python {' '.join(words)} takes {used:.2f} s, more than {limit:g}")
 
 
+def everything(folder: Path, wheel: Path, benchmark: Path, extra: str, pinned: bool) -> None:
+    """Install the wheels in a new environment in `folder`, and run all that they bring."""
+    print(f"{wheel.name}: installing it in a new environment", flush=True)
+    place = place_in(folder)
+    install(place, wheel, extra, pinned)
+    starts(place)
+    print(f"{benchmark.name}: installing it, too", flush=True)
+    install(place, benchmark, "", pinned)
+    smoke(place)
+
+
 def main() -> None:
     """Check everything; exit with code 1 if anything is wrong."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, help="keep the distributions in this folder")
     parser.add_argument("--extra", default="", help="extras of prefcal to install, separated by commas")
     parser.add_argument("--newest", action="store_true", help="no pins from constraints.txt")
+    parser.add_argument("--into", nargs="+", type=Path, metavar="PYTHON", help="of environments that exist")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         out = Path(name) / "dist" if given.out is None else given.out.resolve()
         out.mkdir(parents=True, exist_ok=True)
         try:
             wheel, benchmark = build(out, "prefcal"), build(out, "prefcal_bench")
-            print(f"{wheel.name}: installing it in a new environment", flush=True)
-            place = place_in(Path(name))
-            install(place, wheel, given.extra, not given.newest)
-            starts(place)
-            print(f"{benchmark.name}: installing it, too", flush=True)
-            install(place, benchmark, "", not given.newest)
-            smoke(place)
+            if given.into:
+                for python in given.into:
+                    print(f"{wheel.name}: into the environment of {python}", flush=True)
+                    # Not resolved: the link is what says which environment it is.
+                    begin(place_of(python.absolute(), Path(name), wheel))
+            else:
+                everything(Path(name), wheel, benchmark, given.extra, not given.newest)
         except (WrongError, subprocess.CalledProcessError) as error:
             sys.exit(f"not fit for release: {error}")
     print("fit for release")

@@ -1,7 +1,9 @@
-"""The check of a release notices a wheel whose command is broken."""
+"""The check of a release runs every command, and notices a wheel whose command is broken."""
 
 import importlib
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -46,3 +48,12 @@ def test_the_release_check_refuses_a_broken_command(place, script, words):
     check, made = place
     with pytest.raises(check.WrongError, match=words):
         check.smoke(made(script))
+
+
+def test_every_command_is_run_before_a_release(place):
+    check, _ = place
+    listed = subprocess.run(
+        [sys.executable, "-c", check.COMMANDS], capture_output=True, text=True, check=True
+    )
+    commands = set(filter(None, listed.stdout.splitlines()))
+    assert commands - check.GROUPS == set(check.RUNS) - check.GROUPS
