@@ -33,6 +33,12 @@ EXAMPLES: Mapping[str, tuple[str, str, str, str]] = {
         "gallery_pid.png",
         "{'recovery': heater.run(found.best).kpis['recovery']}",
     ),
+    "step-test": (
+        "step_test.md",
+        "step.png",
+        "gallery_step_test.png",
+        "{'models': len(json.loads(pathlib.Path('step.plant.json').read_text('utf-8'))['models'])}",
+    ),
     "servo": (
         "loops.md#Tune the servo drive",
         "servo.png",
@@ -177,7 +183,7 @@ def _run(page: Path, heading: str, place: Path, expression: str) -> dict[str, fl
     text = whole.split(f"\n## {heading}\n", 1)[1].split("\n## ", 1)[0] if heading else whole
     _write_files(page, place, place)
     for line in "".join(_blocks(text, "console")).splitlines():
-        if line.startswith("$ prefcal bench "):
+        if line.startswith(("$ prefcal bench ", "$ prefcal identify ")):
             _python(place, "-c", _COMMAND, *line.split()[2:])
     told = f"import json, pathlib\npathlib.Path('told.json').write_text(json.dumps({expression}))"
     codes = ["import sys; sys.path.insert(0, '')", *_blocks(text, "python"), told]

@@ -13,8 +13,6 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from .systems import held
-
 # --- Models: a transfer function with dead time, in units of people.
 
 
@@ -77,18 +75,21 @@ def unit_responses(
     den: Float[np.ndarray, " m"], delay: float, h: float, u: Float[np.ndarray, " K"], count: int
 ) -> Float[np.ndarray, "count K"]:
     """Return the exact responses of s^k / den, k = 0, 1, ..., to a held input that acts later by `delay`."""
-    from scipy.signal import lfilter  # takes a while to import
+    # Imported here, since both take a while.
+    from scipy.linalg import expm
+    from scipy.signal import lfilter
 
     n, whole = len(den) - 1, int(delay / h)
     if whole >= len(u):
         return np.zeros((count, len(u)))
-    # In companion form state n - k is s^k / den: the first row is the highest derivative.
-    A, B = np.eye(n, k=-1), np.zeros((n, 1))
-    A[0], B[0, 0] = -den[1:] / den[0], 1 / den[0]
+    # In companion form state n - k is s^k / den: the first row is the highest derivative, and the input is
+    # one more state, which stays.
+    rates = np.eye(n + 1, k=-1)
+    rates[0, :n], rates[0, n], rates[n] = -den[1:] / den[0], 1 / den[0], 0.0
     # Within a period the input of the period before acts first, for the part of the dead time in it.
     part = delay / h - whole
-    late, now = held(A, B, part * h), held(A, B, (1 - part) * h)
-    F, old, new = now[0] @ late[0], now[0] @ late[1][:, 0], now[1][:, 0]
+    late, now = expm(rates * np.array([part * h, (1 - part) * h])[:, None, None])[:, :n]
+    F, old, new = now[:, :n] @ late[:, :n], now[:, :n] @ late[:, n], now[:, n]
     # Faddeev and LeVerrier: (z - F)^-1 = (z^(n-1) M_1 + ... + M_n) / characteristic polynomial.
     poly, M, numerators = [1.0], np.eye(n), np.zeros((n, n + 2))
     for k in range(1, n + 1):
@@ -108,6 +109,7 @@ them, and last the dead time."""
 _SHORTEST, _LONGEST = 0.002, 5.0  # time constants, in the span
 _DAMPING = (0.1, 4.0)
 _THIRD = (0.03, 1.0)  # third lag, as a share of the time constant of the other two
+_LOGS = np.log([(_SHORTEST, _LONGEST), _DAMPING, _THIRD])
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,8 +128,7 @@ class Family:
 
     def box(self, latest: float) -> tuple[Shape, Shape]:
         """Return the lowest and the highest values of the shape."""
-        rows = [(_SHORTEST, _LONGEST), _DAMPING, _THIRD][: self.lags]
-        low, high = np.log(np.array(rows).reshape(-1, 2)).T
+        low, high = _LOGS[: self.lags].T
         return np.append(low, 0.0), np.append(high, latest)
 
     def den(self, shape: Shape) -> Float[np.ndarray, " order"]:
@@ -173,9 +174,14 @@ class Explained:
     """What of the linear coefficients follows from the record, with or without drift."""
 
     evidence: float  # logarithm of the density of the record, but for a constant
-    mean: Float[np.ndarray, " k"]
-    precision: Float[np.ndarray, "k k"]  # of the coefficients, in units of the variance of the noise
+    own: Float[np.ndarray, " k"]  # means of coefficients that are independent, root.T times ours
+    root: Float[np.ndarray, "k k"]  # Cholesky's, of their precision in units of the variance of the noise
     rest: float  # sum of squares that is left, as far as rows count
+
+    @property
+    def mean(self) -> Float[np.ndarray, " k"]:
+        """Return the mean of the coefficients."""
+        return np.linalg.solve(self.root.T, self.own)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -191,11 +197,12 @@ class Scaled:
 
     def rows(self, family: Family, shape: Shape) -> Float[np.ndarray, "k K"]:
         """Return what the linear coefficients multiply: responses, offset, drift."""
-        den, n = family.den(shape), len(self.y)
-        unit = unit_responses(den, float(shape[-1]), self.h, self.u, family.terms)
+        rows = np.ones((family.terms + 2, len(self.y)))
+        rows[:-2] = unit_responses(family.den(shape), float(shape[-1]), self.h, self.u, family.terms)
         if family.zero:
-            unit[1] *= family.scale(shape)
-        return np.vstack([unit, np.ones(n), np.linspace(-0.5, 0.5, n)])
+            rows[1] *= family.scale(shape)
+        rows[-1] = np.linspace(-0.5, 0.5, len(self.y))
+        return rows
 
     def white(self, rows: Float[np.ndarray, "... K"]) -> Float[np.ndarray, "... N"]:
         """Return differences whose errors are independent of each other."""
@@ -215,13 +222,16 @@ class Scaled:
         yy = COUNTS * float(y @ y) + floor
         sizes = np.array([*[_GAIN, _ZERO][: family.terms], _OFFSET, _DRIFT])
         wide = self.variance / sizes**2
-        made = []
-        for k in (len(X) - 1, len(X)):
-            H = M[:k, :k] + np.diag(wide[:k])
-            mean = np.linalg.solve(H, v[:k])
-            rest = max(yy - float(v[:k] @ mean), floor)
-            volume = np.linalg.slogdet(H)[1] - np.log(wide[:k]).sum()
-            made.append(Explained(-0.5 * volume - 0.5 * n * np.log(rest), mean, H, rest))
+        root = np.linalg.cholesky(M + np.diag(wide))
+        own = np.linalg.solve(root, v)
+        volumes = (2 * np.log(root.diagonal()) - np.log(wide)).cumsum()
+        rests = np.maximum(yy - (own * own).cumsum(), floor)
+        evidences = -0.5 * volumes - 0.5 * n * np.log(rests)
+        # Drift is the last coefficient, so that all without it are the first rows of the same root.
+        made = [
+            Explained(float(evidences[k - 1]), own[:k], root[:k, :k], float(rests[k - 1]))
+            for k in (len(X) - 1, len(X))
+        ]
         return made[0], made[1]
 
     def fitted(self, family: Family, shape: Shape) -> tuple[Explained, Float[np.ndarray, " K"]]:
@@ -244,13 +254,17 @@ class Scaled:
 # --- Search the best shape of each family, then weigh shapes around it until they are a fair sample.
 
 _SCANNED, _STARTS = 250, 4  # shapes that are tried, and how many of the best are improved
+_ROUGH, _FINE = (40, 0.3), (150, 0.01)  # most steps of an improvement, and the logarithm at which it ends
+_DROPPED = 40.0  # as `_HOPELESS`, before a family's best shape is found to the last digit
 _HOPELESS = 8.0  # logarithm of the probability, relative to the best family, below which one is left out
 _ROUNDS, _DRAWN = (3, 10), 250  # fewest and most rounds of weighing, and shapes in each
 _ENOUGH = 80.0  # effective number of shapes with which weighing ends
 _TAIL = 5.0  # degrees of freedom of the proposals: their tails must be wider than what they explore
 
 
-def _improved(record: Scaled, family: Family, starts: Sequence[Shape]) -> list[Shape]:
+def _improved(
+    record: Scaled, family: Family, starts: Sequence[Shape], ends: tuple[int, float]
+) -> list[Shape]:
     """Return the best shapes near some, the best one first."""
     from scipy.optimize import minimize
 
@@ -265,7 +279,7 @@ def _improved(record: Scaled, family: Family, starts: Sequence[Shape]) -> list[S
         z = (start - low) / widths
         steps = np.where(z > 0.5, -0.04, 0.04) * np.eye(len(z))
         simplex = np.vstack([z, z + steps])
-        options = {"initial_simplex": simplex, "xatol": 1e-4, "fatol": 0.01, "maxiter": 150}
+        options = {"initial_simplex": simplex, "xatol": 0.01 * ends[1], "fatol": ends[1], "maxiter": ends[0]}
         made = minimize(loss, z, method="Nelder-Mead", options=options)
         found.append((float(made.fun), low + widths * np.clip(made.x, 0.0, 1.0)))
     return [shape for _, shape in sorted(found, key=lambda each: each[0])]
@@ -365,15 +379,22 @@ def _around(
 
 def explain(record: Scaled, rng: np.random.Generator) -> tuple[Scaled, list[Weighed]]:
     """Return the record with what its noise is like, and the families that explain it, the best one first."""
-    modes = {family: _improved(record, family, _scanned(record, family, rng)) for family in FAMILIES}
-    record = _with_noise(record, modes)
-    modes = {family: _improved(record, family, each[:2]) for family, each in modes.items()}
-    tops = {family: record.density(family, each[0]) for family, each in modes.items()}
-    likely = [family for family in FAMILIES if tops[family] > max(tops.values()) - _HOPELESS]
-    found = [_weighed(record, family, modes[family], rng) for family in likely]
+    rough = {family: _improved(record, family, _scanned(record, family, rng), _ROUGH) for family in FAMILIES}
+    record = _with_noise(record, rough)
+    modes = {
+        family: _improved(record, family, rough[family][:2], _FINE)
+        for family in _likely(record, rough, _DROPPED)
+    }
+    found = [_weighed(record, family, modes[family], rng) for family in _likely(record, modes, _HOPELESS)]
     sizes = np.exp(np.array([each.evidence for each in found]) - max(each.evidence for each in found))
     made = [replace(each, share=share) for each, share in zip(found, sizes / sizes.sum(), strict=True)]
     return record, sorted(made, key=lambda each: -each.share)
+
+
+def _likely(record: Scaled, modes: Mapping[Family, Sequence[Shape]], behind: float) -> list[Family]:
+    """Return the families that are no further behind the best one, by the logarithm of their densities."""
+    tops = {family: max(record.density(family, z) for z in each[:2]) for family, each in modes.items()}
+    return [family for family, top in tops.items() if top > max(tops.values()) - behind]
 
 
 def _with_noise(record: Scaled, modes: Mapping[Family, Sequence[Shape]]) -> Scaled:

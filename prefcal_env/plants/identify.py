@@ -227,8 +227,7 @@ def _drawn(
     with_drift = np.log(rng.random()) < drifts.evidence - np.logaddexp(without.evidence, drifts.evidence)
     found = drifts if with_drift else without
     size = np.sqrt(found.rest / rng.chisquare(COUNTS * len(record.y)))
-    root = np.linalg.cholesky(found.precision)
-    own = found.mean + size * np.linalg.solve(root.T, rng.standard_normal(len(found.mean)))
+    own = np.linalg.solve(found.root.T, found.own + size * rng.standard_normal(len(found.own)))
     return _model(
         weighed.family, shape, own[: weighed.family.terms] * (1 + wear * rng.standard_normal()), units
     )

@@ -21,7 +21,8 @@ from prefcal_env.study.fold import decode, encode, knobs_as_dicts, within_as_dic
 from prefcal_env.workers import GRACE, Terms, Worker
 
 from .catalog import load
-from .names import is_own
+from .names import TABLES, is_own
+from .own import files_of
 from .scenario import Scenario, with_ranges
 
 _BEYOND = 30.0  # seconds after the time limit when the process ends itself, in case prefcal is gone
@@ -205,9 +206,13 @@ def isolation(
                 raise SettingsError("a rig runs one experiment at a time: leave --at-once out")
             workers[0].close(gently=True)
             return scenario
+        for worker in workers if late else ():
+            worker.start()
         return replace(scenario, run=Isolated(scenario.source, source, workers))
 
-    for worker in workers if early else ():
+    # A record is identified by this process alone, and kept; others at the same time would do the same work.
+    late = early and any(path.suffix in TABLES for path in files_of(source))
+    for worker in workers if early and not late else ():
         worker.start()
     try:
         yield isolated

@@ -7,9 +7,12 @@ import pytest
 
 from prefcal_env.errors import RunError, SettingsError
 from prefcal_env.knobs import Knob, KnobSpace
+from prefcal_env.workers import Worker
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.isolated import Isolated, isolation
+from prefcal_scenarios.names import KEPT_PLANT
 from prefcal_scenarios.scenario import with_ranges
+from support.step_tests import table
 from toy_study import toy_scenario
 
 WILD = str(Path(__file__).parents[2] / "support" / "wild_runs.py")
@@ -77,3 +80,15 @@ def test_built_in_scenarios_and_rigs_stay_where_they_are():
 def test_an_impossible_limit_is_refused(limit):
     with pytest.raises(SettingsError, match="--run-timeout"), isolation("cstr", limit):
         pass
+
+
+def test_a_process_of_its_own_starts_only_when_the_record_of_its_plant_was_identified(tmp_path, monkeypatch):
+    path = tmp_path / "step.csv"
+    path.write_text(table())
+    kept, started = path.with_suffix(KEPT_PLANT), list[bool]()
+    monkeypatch.setattr(Worker, "start", lambda worker: started.append(kept.is_file()))
+    source = f'pid {{"plant": "{path.as_posix()}"}}'
+    with isolation(source) as isolated:
+        assert not started
+        isolated(load(source))
+    assert started == [True]
