@@ -97,6 +97,14 @@ def _differs(reason: Reason, named: Callable[[str, bool], str]) -> str:
     return f"has {better or worse}" if better or worse else "reads like the best so far in all KPIs"
 
 
+def named_titles(reason: Reason, scenario: Scenario) -> list[str]:
+    """Return the titles under which people see the KPIs that the sentence of `why` names, in its order."""
+    kpis = {kpi.name: kpi for kpi in scenario.kpis}
+    named = (*reason.better_in[:_MOST], *reason.worse_in[:_MOST])
+    shown = [kpis.get(kpis[name].of or name) for name in named if name in kpis]
+    return [kpi.title for kpi in shown if kpi is not None]
+
+
 def _listed(words: Sequence[str]) -> str:
     *most, last = words or ("",)
     return " and ".join([", ".join(most), last] if most else [last])

@@ -12,10 +12,10 @@ from jaxtyping import Float
 
 from prefcal_agents.people import Bank
 from prefcal_agents.result import find_unbeaten, rows_between
-from prefcal_agents.screening.findings import Findings
+from prefcal_agents.screening.findings import Findings, Reason
 from prefcal_app.session import Interview, Now, Outlook, Question, Side
 from prefcal_app.session.study import is_robust, why_over
-from prefcal_app.simulating import Screened, as_shown, at_stake, menu_names, offer, why
+from prefcal_app.simulating import Screened, as_shown, at_stake, menu_names, named_titles, offer, why
 from prefcal_app.summary import Spread, after_a_slip, compare, list_shown, unmeasured
 from prefcal_env.controllers.written import (
     ANTI_WINDUP,
@@ -114,23 +114,37 @@ def why_view(interview: Interview, now: Now) -> str:
     requested = new.index in now.state.requested
     if found is None or found.reason is None:
         return f"{side} is shown because you asked for it." if requested else ""
-    other = question.right if new is question.left else question.left
     scenario = interview.scenario
+    reason, missed = _shown_reason(found.reason, question, scenario)
     told = why(
-        as_shown(found.reason, scenario, new.experiment, other.experiment),
+        reason,
         scenario,
         side=side,
         requested=requested,
         learned=found.chance_of_better is not None,
-        missed=[
-            kpi.title
-            for kpi in scenario.shown_kpis
-            if kpi.met_by(new.experiment) is False and kpi.met_by(other.experiment)
-        ],
+        missed=missed,
     )
     history = now.state.history
     slip = history.incumbent != history.by_answers
     return f"{told} {after_a_slip(history, robust=is_robust(now.state))}" if slip else told
+
+
+def why_titles(interview: Interview, now: Now) -> list[str]:
+    """Return the titles of the KPIs that `why_view` names, in its order: the sides show these first."""
+    question, found = now.question, interview.known.findings
+    if question is None or question.repeats is not None or question.further:
+        return []
+    if not interview.known.screens or found is None or found.reason is None:
+        return []
+    reason, missed = _shown_reason(found.reason, question, interview.scenario)
+    return list(dict.fromkeys([*named_titles(reason, interview.scenario), *missed]))
+
+
+def _shown_reason(reason: Reason, asked: Question, scenario: Scenario) -> tuple[Reason, list[str]]:
+    """Return the reason as people can read it, and the titles of objectives that only the new one misses."""
+    new, best = asked.challenger.experiment, asked.incumbent.experiment
+    lost = [kpi for kpi in scenario.shown_kpis if kpi.met_by(new) is False and kpi.met_by(best)]
+    return as_shown(reason, scenario, new, best), [kpi.title for kpi in lost]
 
 
 def map_view(interview: Interview) -> dict[str, Any] | None:

@@ -20,7 +20,7 @@ from prefcal_env.workers import in_time
 from prefcal_scenarios.scenario import Scenario
 from prefcal_scenarios.wording import INTERRUPTED, knob_number, marks_text, with_unit
 
-from .end import outlook_view, over_view, screening_view
+from .end import outlook_view, over_view, screening_view, why_titles
 from .question import Seen, knob_view, numbers_view, plant_view, question_view, theta_texts, theta_view
 
 # --- List every question and answer.
@@ -112,6 +112,7 @@ def now_view(
     now, scenario, seen = interview.now(), interview.scenario, Seen() if seen is None else seen
     question, over = now.question, now.phase is Phase.OVER
     time_unit = "" if question is None else question.left.experiment.channels.time_unit
+    named = () if blind else why_titles(interview, now)  # else it would tell which side is new
     return {
         "version": now.version,
         "phase": now.phase.value,
@@ -121,7 +122,8 @@ def now_view(
         "progress": _progress(interview, now),
         "simulated": simulated_view(now),
         "can": sorted(now.can),
-        "question": question and question_view(question, scenario, blind=blind, seen=seen.look(interview)),
+        "question": question
+        and question_view(question, scenario, blind=blind, seen=seen.look(interview), named=named),
         "problem": now.problem,
         "stopping": _stopping(now),
         "preparing": None if now.preparing is None else asdict(now.preparing),

@@ -1,6 +1,6 @@
 """A question as plain data: its two sides, their panels and maneuvers, and previews."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from math import isfinite, isinf, isnan
@@ -437,20 +437,28 @@ def _on(
 
 # --- Show two experiments beside each other: a question, and any other pair.
 
+_HEADS = 3  # KPIs in the head of each side, or as many as the sentence names
+
 Draws = Callable[[Experiment, Experiment], Sequence[Plot]]
 """Function of two runs that returns the panels which show both."""
 
 
 def question_view(
-    question: Question, scenario: Scenario, *, blind: bool, seen: Seen | None = None
+    question: Question,
+    scenario: Scenario,
+    *,
+    blind: bool,
+    seen: Seen | None = None,
+    named: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Return a question; with `blind`, numbers, roles and θ are not sent.
 
-    Axes and large differences are based on all experiments `seen` so far.
+    Axes and large differences are based on all experiments `seen` so far. `named` are the titles
+    of the KPIs that the sentence above the question names.
     """
     left, right = question.left, question.right
     draws, seen = partial(panels_of, scenario), Seen() if seen is None else seen
-    view = pair_view(left.experiment, right.experiment, draws, scenario.shown_kpis, seen)
+    view = pair_view(left.experiment, right.experiment, draws, scenario.shown_kpis, seen, named)
     view["left"] |= side_view(left, right.experiment, scenario, blind=blind)
     view["right"] |= side_view(right, left.experiment, scenario, blind=blind)
     repeat = question.repeats is not None
@@ -459,11 +467,17 @@ def question_view(
 
 
 def pair_view(
-    left: Experiment, right: Experiment, draws: Draws, kpis: Sequence[KPI], seen: Seen
+    left: Experiment,
+    right: Experiment,
+    draws: Draws,
+    kpis: Sequence[KPI],
+    seen: Seen,
+    named: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Return two experiments beside each other: their KPIs, and the curves of each maneuver.
 
-    `comparison` has a row for each KPI that either side has, see `compare`; `others` are the
+    `comparison` has a row for each KPI that either side has, see `compare`; `headline` has their
+    titles in the order in which the head of each side shows them, and how many; `others` are the
     maneuvers after the first one. Without maneuvers there is one part, whose name is empty.
     A run that failed without a record, or that ran before a maneuver was added, has no curves in
     the maneuvers that it lacks.
@@ -474,7 +488,26 @@ def pair_view(
     )
     first["left"] |= numbers_view(left, kpis)
     first["right"] |= numbers_view(right, kpis)
-    return {"comparison": compare(left, right, kpis, seen.spread), **first, "others": others}
+    rows = compare(left, right, kpis, seen.spread)
+    heads = {"headline": headline(rows, named), "heads": max(_HEADS, len(named))}
+    return {"comparison": rows, **heads, **first, "others": others}
+
+
+def headline(rows: Sequence[Mapping[str, Any]], named: Sequence[str] = ()) -> list[str]:
+    """Return the titles of KPIs in the order in which the head of each side shows them.
+
+    First those that the sentence above names, then those that tell the sides apart best, as `compare`
+    sorts them, then the others, those with an objective before the rest.
+    """
+    largest, aims = dict[str, float](), dict[str, str]()
+    for each in rows:
+        largest[each["title"]] = max(each["size"], largest.get(each["title"], 0.0))
+        aims[each["title"]] = each["objective"]
+    told = [title for title in named if title in largest]
+    return told + sorted(
+        (title for title in largest if title not in told),
+        key=lambda title: (not largest[title], not largest[title] and not aims[title]),
+    )
 
 
 def _maneuver_view(

@@ -13,6 +13,7 @@ const cursor = new Cursor(plots);
 let overlaid = false;
 let maneuvers = null;
 let unit = "";
+let headed = ""; // titles of the KPIs in the heads of both sides
 
 export function start() {
   $("view-question").append(
@@ -47,9 +48,13 @@ export function start() {
 // Show the text of a question; `fit` draws the curves once the layout is known.
 export function show(now, same) {
   const { question } = now;
+  const { headline: titles, heads } = question;
+  const stays = same && titles.join() === headed; // the sentence may come later, and the heads follow it
+  headed = titles.join();
   for (const side of ["left", "right"]) {
-    if (same) marks(side, question[side]);
+    if (stays) marks(side, question[side]);
     else describe(side, question);
+    if (same && !stays) told(side, { ...maneuvers.part, headline: titles, heads });
   }
   if (same) return;
   table.take(question);

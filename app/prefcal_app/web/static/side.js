@@ -6,7 +6,6 @@ import { toggle } from "./table.js";
 
 const MARKS = { unsafe: { left: "Q", right: "E", words: "Unsafe or very bad", short: "Unsafe" },
   "good enough": { left: "A", right: "D", words: "Good enough", short: "Good" } };
-const HEADLINE = 3; // KPIs in the head of each side
 const TITLES = { left: "Left", right: "Right" };
 
 // Create the card once; a new question only changes its content, so the figures are kept.
@@ -60,20 +59,13 @@ function which(side, maneuvers) {
 function numbers(name, question) {
   const side = question[name], shown = summary(side, question);
   const all = button(`all ${side.kpis.length}`, toggle, { class: "link" });
-  fill($(`${name}-numbers`), el("dl", { class: "kpis" }, shown), side.kpis.length > HEADLINE ? all : null);
+  fill($(`${name}-numbers`), el("dl", { class: "kpis" }, shown), side.kpis.length > question.heads ? all : null);
 }
 
-// Return the three KPIs that tell the sides apart best: an objective that only one misses, then the
-// largest differences. If fewer differ, those with an objective follow, then the others.
-export function headline(kpis, { comparison }) {
-  const size = new Map();
-  for (const row of comparison) size.set(row.title, Math.max(row.size, size.get(row.title) ?? 0));
-  const titles = [...size.keys()]; // in this order
-  const order = (kpi) => titles.indexOf(kpi.title);
-  const by = ({ title }) => size.get(title) ?? 0;
-  return [...kpis].sort((a, b) => (by(b) > 0) - (by(a) > 0)
-    || (by(a) ? order(a) - order(b) : (b.met !== null) - (a.met !== null))).slice(0, HEADLINE);
-}
+// Return the KPIs in the head of a side, in the order that both sides have: what the sentence names,
+// then what tells them apart.
+export const headline = (kpis, { headline: order, heads }) =>
+  order.flatMap((title) => kpis.filter((kpi) => kpi.title === title)).slice(0, heads);
 
 export function item(kpi) {
   const told = [kpi.about, kpi.objective ? `objective: ${kpi.objective}` : ""].filter(Boolean).join(" · ");
