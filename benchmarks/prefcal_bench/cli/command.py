@@ -14,7 +14,7 @@ EPILOG = """\
 [bold]Examples[/bold]
 
 [cyan]prefcal bench --quick[/cyan]
-  Our own agents on three closed loops and more: about a minute of computing.
+  Our own agents on three closed loops and more: two minutes of computing.
 
 [cyan]prefcal bench --out results[/cyan]
   Everything, 20 seeds. Stop with Ctrl-C; the same command resumes.

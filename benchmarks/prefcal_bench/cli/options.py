@@ -36,12 +36,12 @@ class BenchOptions:
     agents: Annotated[str | None, Option(metavar="NAMES", show_default="all that are installed")] = None
     problems: Annotated[str | None, Option(metavar="NAMES", show_default="all")] = None
     calibrators: Annotated[str | None, Option(metavar="NAMES", show_default="all")] = None
-    seeds: Annotated[int | None, Option(metavar="N", min=1, max=100_000, show_default="20; quick: 3")] = None
+    seeds: Annotated[int | None, Option(metavar="N", min=1, max=100_000, show_default="20; quick: 2")] = None
     n_init: Annotated[
         int | None,
         Option(metavar="N", min=1, max=10_000, show_default="10, or half of --n-max if that is less"),
     ] = None
-    n_max: Annotated[int | None, Option(metavar="N", min=2, max=10_000, show_default="50")] = None
+    n_max: Annotated[int | None, Option(metavar="N", min=2, max=10_000, show_default="50; quick: 20")] = None
     jobs: Annotated[int | None, Option(metavar="N", min=1, max=256, show_default="one per core")] = None
     cell_timeout: Annotated[float, Option(metavar="SECONDS", show_default="3600, an hour")] = 3600.0
     out: Annotated[Path, Option(metavar="FOLDER")] = Path("prefcal-bench")

@@ -107,6 +107,7 @@ def numbers(rows: pd.DataFrame, baseline: str, label: str) -> TextTable:
         f"{short(FLOOR)}, with a 95 % bootstrap interval; below 1 the agent is nearer. "
         "p: Wilcoxon signed-rank test, two-sided, after Holm's correction for the "
         "agents on that problem. Failed seeds have no gap. Full precision in table.csv."
+        f"{_warning(rows)}"
     )
     lines = []
     for _, group in rows.groupby("problem", sort=False):
@@ -127,6 +128,18 @@ def numbers(rows: pd.DataFrame, baseline: str, label: str) -> TextTable:
     )
     room = ("best visited", "questions", "s/proposal")
     return TextTable(label, caption, columns, lines, words=("problem", "agent"), page_only=room)
+
+
+def _warning(rows: pd.DataFrame) -> str:
+    """Return a sentence if the seeds are too few to show which agent is nearer; else nothing."""
+    seeds = int(rows["seeds"].max())
+    least = 2.0 ** (1 - seeds)  # p of the signed-rank test if all pairs agree
+    if not seeds or least < SIGNIFICANCE:
+        return ""
+    return (
+        f" With {seeds} seed{'s' * (seeds != 1)} no p can be below {probability(least)}: "
+        "which agent is nearer may be chance."
+    )
 
 
 def _gap_cells(row: Any, lowest: str) -> list[TableCell]:

@@ -128,6 +128,7 @@ def test_the_quick_suite_is_part_of_the_full_one_and_needs_nothing_installed():
     parts = [{(c.agent, c.problem, c.calibrator) for c in each.cells} for each in (quick, full)]
     assert parts[0] <= parts[1]
     assert all(not AGENTS[agent].packages for agent in quick.agents)
+    assert "Screening" in {c.agent for c in quick.cells if c.calibrator == "weights"}  # the default
     assert full.problems == PROBLEMS
     assert full.seeds == 20
 

@@ -2,6 +2,7 @@
 
 import io
 
+import pytest
 from rich.console import Console
 
 from bench_support.campaigns import duel, ends, failed, grid, result
@@ -23,6 +24,14 @@ def test_it_shows_medians_ratios_and_scores():
     for cell in ("0.035", "0.022 to 0.048", "×10 (10 to 10)", "0–0–6", "0.031"):
         assert cell in line
     assert "each at least 1e-9" in " ".join(text.split())
+
+
+@pytest.mark.parametrize(("seeds", "least"), [(2, "0.50"), (5, "0.062"), (6, None)])
+def test_too_few_seeds_to_tell_who_is_nearer_are_named(seeds, least):
+    text = " ".join(printed(grid({"GLISp": 1.0, "Own": 10.0}, seeds=seeds)).split())
+    warning = f"With {seeds} seeds no p can be below {least}: which agent is nearer may be chance."
+    assert (warning in text) == (least is not None)
+    assert ("may be chance" in text) == (least is not None)
 
 
 def test_closed_loops_have_a_table_of_worth_for_each_taste_before_the_gaps():
