@@ -476,6 +476,28 @@ def _beyond(knob: Knob, other: float, end: float) -> float:
     return float(f"{beyond:.3g}")
 
 
+def kept_on_plant(state: State) -> dict[str, Any]:
+    """Return what the person confirmed to keep on the plant, as plain data; empty if nothing."""
+    if state.kept is None:
+        return {}
+    _, at, kept = state.kept
+    by = state.configuration.get("options", {}).get("by") or ""
+    which = "new" if kept.index else "old"
+    return {"which": which, "experiment": kept.index + 1, "blind": kept.blind, "by": by, "at": at}
+
+
+def kept_text(kept: Mapping[str, Any]) -> str:
+    """Return what `kept_on_plant` says as a sentence; empty if nothing is kept."""
+    if not kept:
+        return ""
+    blind = ", tried blind" if kept["blind"] else ""
+    by = f" by {kept['by']}" if kept["by"] else ""
+    when = kept["at"][:16].replace("T", " ")
+    return (
+        f"Confirmed on the plant: {kept['which']} (experiment {kept['experiment']}){blind},{by} {when} (UTC)."
+    )
+
+
 def study_name(place: str) -> str:
     """Return the name of the study file at `place` for the command line."""
     path = Path(place)

@@ -26,6 +26,7 @@ from .fold import Event as Event
 from .fold import Extended as Extended
 from .fold import Failed as Failed
 from .fold import Finished as Finished
+from .fold import Kept as Kept
 from .fold import Led as Led
 from .fold import Marked as Marked
 from .fold import Noted as Noted

@@ -380,6 +380,16 @@ class Concluded(Event, frozen=True):
     findings: Mapping[str, Any]
 
 
+class Kept(Event, frozen=True):
+    """Keep the θ of experiment `index` on the plant, after old and new were tried there.
+
+    `blind` tells whether it was hidden which of the two was which.
+    """
+
+    index: Int64
+    blind: bool
+
+
 class Reopened(Event, frozen=True):
     """Continue the study after its end."""
 
@@ -514,6 +524,7 @@ class State:
         open: Id and event of the open question.
         ended: Why the study is over; None while it is not.
         concluded: What was said of the result; None while it is not, and once the record is another one.
+        kept: Number, time and event that says what stays on the plant; None while the study goes on.
         reopened: Whether it was over before, and went on.
     """
 
@@ -530,6 +541,7 @@ class State:
     open: tuple[int, Shown] | None = None
     ended: str | None = None
     concluded: Mapping[str, Any] | None = None
+    kept: tuple[int, str, Kept] | None = None
     reopened: bool = False
 
     @property
@@ -569,6 +581,8 @@ def step(state: State, seq: int, at: str, event: Event) -> State:
         after = rule(state, seq, at, event)
     except ProtocolError as error:
         raise StudyError(f"event {seq} is impossible: {error}") from error
+    if after.ended is None and after.kept is not None:
+        after = replace(after, kept=None)  # what is tried again may have another result
     # What was said is true of one result alone: a retraction after the end can give another one.
     same = after.history is state.history and after.ended == state.ended
     return after if same else replace(after, concluded=None)
@@ -745,6 +759,12 @@ def _concluded(state: State, seq: int, _at: str, event: Concluded) -> State:
     return replace(state, concluded=event.findings)
 
 
+def _kept(state: State, seq: int, at: str, event: Kept) -> State:
+    _require(state.ended is not None, seq, "the study is not over")
+    _require(event.index in state.finished, seq, f"there is no experiment of sample {event.index}")
+    return replace(state, kept=(seq, at, event))
+
+
 def _reopened(state: State, _seq: int, _at: str, _event: Reopened) -> State:
     return replace(state, ended=None, reopened=True)
 
@@ -803,6 +823,7 @@ _RULES: Mapping[type[Event], Callable[[State, int, str, Any], State]] = {
     Extended: _extended,
     Ended: _ended,
     Concluded: _concluded,
+    Kept: _kept,
     Reopened: _reopened,
     Respaced: _respaced,
     Adjusted: _adjusted,

@@ -154,14 +154,15 @@ class Calibration:
         return self.interview.now().phase is Phase.OVER
 
     @property
-    def result(self) -> tuple[int | None, int, bool]:
-        """Return what a report is about: the best experiment, the number of answers, and if it is over.
+    def result(self) -> tuple[int | None, int, bool, int]:
+        """Return what a report is about: best experiment, number of answers, if over, what is kept.
 
         A choice at the end reopens a study and ends it within milliseconds, so that it seems never
         to have been open.
         """
         now = self.interview.now()
-        return now.incumbent, len(now.state.answers), now.phase is Phase.OVER
+        kept = 0 if now.state.kept is None else now.state.kept[0]
+        return now.incumbent, len(now.state.answers), now.phase is Phase.OVER, kept
 
     @property
     def again(self) -> str:
@@ -511,7 +512,7 @@ class _Telling:
     """
 
     work: Calibration
-    result: tuple[int | None, int, bool] | None = None  # what the report is about
+    result: tuple[int | None, int, bool, int] | None = None  # what the report is about
     said: Sequence[str] = ()
     whole: bool = False  # whether that is all
 
@@ -522,7 +523,7 @@ class _Telling:
             self.result = None  # the report is of the result before
             ctrl_c.on_press = lambda: _say_stopping(work)
             return None
-        _, _, over = result
+        _, _, over, _ = result
         if over and self.result is None:
             self.whole = work.interview.known.wait_for_findings(SAID_SOON)
             record = work.write()

@@ -14,7 +14,7 @@ from prefcal_agents.registry import agent_class
 from prefcal_app.report.record import StudyRecord, gain_of, result_table
 from prefcal_app.session import Interview
 from prefcal_app.session.study import trust_text
-from prefcal_app.summary import list_shown
+from prefcal_app.summary import kept_on_plant, kept_text, list_shown
 from prefcal_app.terminal.showing import say
 from prefcal_app.view.end import baseline_of
 from prefcal_env.experiments.experiment import Experiment
@@ -63,6 +63,7 @@ def record_of(interview: Interview, options: Options, references: Mapping[str, E
         baseline=baseline_of(state),
         fingerprint=then if then == today else f"{then}; its files have changed since, now {today}",
         by=options.by or "",
+        kept=kept_on_plant(state),
         digest=interview.file.digest if options.by_a_person and interview.file.path != IN_MEMORY else "",
     )
 
@@ -150,6 +151,8 @@ def show(record: StudyRecord, report: Path, console: Console) -> None:
         console.print(shown)
         if gain["before"]:
             say(console, gain["back"])
+    if record.kept:
+        say(console, kept_text(record.kept))
     show_outlook(record, console)
     console.print(Text.assemble("Report: ", (str(report), "bold")), soft_wrap=True)
 

@@ -93,6 +93,7 @@ def best_as_json(record: StudyRecord) -> str:
         "ended": best.experiment.end.value,
         "experiment": best.number,
         "before": _before(record),
+        **({"kept": dict(record.kept)} if record.kept else {}),
         "origin": record.origin,
         "experiments": len(record.trials),
         "complete": not record.stopped,

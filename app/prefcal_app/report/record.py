@@ -261,6 +261,7 @@ class StudyRecord:
         fingerprint: Fingerprint of the scenario's files; empty if unknown.
         digest: SHA-256 of the study file, in hexadecimal digits; empty if there is none.
         by: Name of the person who answered; empty if it was not given.
+        kept: What was confirmed on the plant, as `kept_on_plant` returns it; empty if nothing was.
     """
 
     scenario: Scenario
@@ -286,6 +287,7 @@ class StudyRecord:
     fingerprint: str = ""
     digest: str = ""
     by: str = ""
+    kept: Mapping[str, Any] = field(default_factory=dict)
 
     @cached_property
     def trials(self) -> tuple[Trial, ...]:

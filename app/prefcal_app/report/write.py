@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from prefcal_app.summary import kept_text
 from prefcal_app.view.end import FIRST, pid_table
 from prefcal_app.view.question import cell, row, table, theta_view
 from prefcal_env.controllers.margins import Margins
@@ -102,6 +103,7 @@ def page(
 ) -> str:
     """Return the text of report.html, with what was verified and the open loop as for `sheet`."""
     view: dict[str, Any] = {"lead": lead(record), "rebuild": REBUILD, "origin": record.origin}
+    view["kept"] = kept_text(record.kept)
     if record.best is not None:
         theta = theta_view(record.scenario.space, record.best.experiment)
         view |= {
@@ -178,6 +180,7 @@ def answers(record: StudyRecord) -> Answers:
         "Why this one": " ".join(told)
         or "It is the best by the answers, each of which is in comparisons.csv.",
         "The PID": pid_text(record),
+        "On the plant": kept_text(record.kept),
         "The way back": _back(record),
     }
     return [(question, answer) for question, answer in found.items() if answer]

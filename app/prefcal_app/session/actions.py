@@ -50,6 +50,7 @@ from .study import (
     Study,
     agent_of,
     to_repeat,
+    tried_on_plant,
 )
 
 # --- Say what an action is: bounded fields, when it can be taken, and what it does.
@@ -649,6 +650,36 @@ class GoOn(Action, frozen=True):
         driver.append(*extended, events.Reopened())
         driver.become(agent_of(driver.state, driver.store.scenario.space, driver.thoughts.simulator))
         driver.proceed()
+
+
+class KeepOnPlant(Action, frozen=True):
+    """Confirm which of two tunings stays on the plant, after both were tried there.
+
+    Args:
+        choice: "old" for the first experiment, "new" for the best; "A" or "B" after a blind trial.
+        best: Index of the best experiment, as the person saw it.
+    """
+
+    choice: Literal["old", "new", "A", "B"]
+    best: Whole
+    when = frozenset({Phase.OVER})
+    otherwise = "the study has not ended"
+
+    @classmethod
+    def _also(cls, study: Study) -> PrefcalError | None:
+        if study.plant.asks != "record":
+            return StaleError("only what a person sets on a rig can be tried there")
+        if tried_on_plant(study.state, study.best) is None:
+            return StaleError("no experiment was better than the first: there is nothing to try")
+        return None
+
+    def _take(self, driver: Driver) -> None:
+        if driver.study.best != self.best:
+            raise StaleError("another experiment is the best by now: try both again")
+        sides = tried_on_plant(driver.state, self.best)
+        assert sides is not None
+        index = dict(zip("AB", sides, strict=True), old=0, new=self.best)[self.choice]
+        driver.append(events.Kept(index, self.choice in ("A", "B")))
 
 
 # --- List all actions.

@@ -257,7 +257,7 @@ PERSON = "human"
 """Who answers, in the configuration of a study."""
 ALL_COMPARED = "all compared"
 """Why a study ends after its last question."""
-_SIDES, _REPEATS = 11, 12  # streams of the study's seed; agents use other ones
+_SIDES, _REPEATS, _TRIALS = 11, 12, 13  # streams of the study's seed; agents use other ones
 
 
 def why_over(ended: str, found: Findings | None = None) -> str:
@@ -502,6 +502,18 @@ def challenger_left(seed: int, challenger: int, further: int | None = None) -> b
     """
     pair = [challenger] if further is None else [challenger, further]
     return bool(np.random.default_rng([seed, *pair, _SIDES]).random() < 0.5)
+
+
+def tried_on_plant(state: State, best: int | None) -> tuple[int, int] | None:
+    """Return the experiments A and B of a blind trial: the first one and the best, in random order.
+
+    None if they are the same. After each confirmation, the order is drawn anew.
+    """
+    if not best:
+        return None
+    latest = 0 if state.kept is None else state.kept[0]
+    drawn = np.random.default_rng([int(state.configuration["seed"]), best, latest, _TRIALS])
+    return (0, best) if drawn.random() < 0.5 else (best, 0)
 
 
 def to_repeat(state: State, seed: int) -> Comparison | None:

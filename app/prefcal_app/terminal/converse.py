@@ -1,23 +1,25 @@
 """Hold the conversation in a terminal: show a question, read the answer, and repeat."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from math import isfinite
 from pathlib import Path
+from typing import Any
 
 from msgspec.structs import replace
 from rich.console import Console
 
 from prefcal_app.session import Choice, Interview, Now, Phase, actions
 from prefcal_app.session.study import ENOUGH, GOOD_ENOUGH, UNSAFE, PlantNow, Recovery, why_over
-from prefcal_app.view import Seen, brief_view, history_view, now_view, preview_view, status_view
+from prefcal_app.summary import kept_on_plant, kept_text
+from prefcal_app.view import Seen, brief_view, history_view, now_view, preview_view, status_view, trial_view
 from prefcal_env.errors import PrefcalError, StaleError
 from prefcal_env.sources import Stage
 from prefcal_env.study import Suggested
 from prefcal_env.workers import in_time
-from prefcal_scenarios.wording import theta_text
+from prefcal_scenarios.wording import theta_text, with_unit
 
 from .showing import (
     END,
@@ -89,6 +91,33 @@ class _Conversation:
         self._say(
             f"The study is finished: {why_over(now.state.ended or '', self.interview.known.findings)}{more}."
         )
+        if "keep_on_plant" in now.can:
+            try:
+                self._try_on_plant(trial_view(self.interview, now))
+            except PrefcalError as error:
+                self._say(str(error))
+
+    def _try_on_plant(self, trial: Mapping[str, Any] | None) -> None:
+        """Show old and new in turn, until one of them is confirmed or the person goes on."""
+        if trial is None:
+            return None
+        self._say(f"{trial['kept']} Try it on the plant?".lstrip())
+        kind = {"t": "open", "b": "blind"}.get(self.line("t: old and new, b: blind, Enter: no").lower())
+        sides, at = trial.get(kind or "", ()), 0
+        while sides:
+            side = sides[at]
+            theta = ", ".join(
+                f"{knob['name']} = {with_unit(knob['text'], knob['unit'])}" for knob in side["theta"]
+            )
+            self._say(f"{side['name']}: enter {theta}, then watch the plant.")
+            said = self.line("o: the other one, keep: this one stays, Enter: confirm nothing").lower()
+            if said == "keep":
+                self.interview.do(actions.KeepOnPlant(side["choice"], trial["best"]))
+                return self._say(kept_text(kept_on_plant(self.interview.now().state)))
+            if said != "o":
+                return None
+            at = 1 - at
+        return None
 
     def _wait(self, now: Now) -> None:
         with self.console.status(_waiting(now)) as status:

@@ -8,6 +8,7 @@ experiments beside each other are put together in `sides`, and tables in `tables
 
 from .end import look_view as look_view
 from .end import map_view as map_view
+from .end import trial_view as trial_view
 from .end import why_view as why_view
 from .now import asked_view as asked_view
 from .now import history_view as history_view

@@ -14,9 +14,17 @@ from prefcal_agents.people import Bank
 from prefcal_agents.result import find_unbeaten, rows_between
 from prefcal_agents.screening.findings import Findings, Reason
 from prefcal_app.session import Interview, Now, Outlook, Question, Side
-from prefcal_app.session.study import is_robust, why_over
+from prefcal_app.session.study import is_robust, tried_on_plant, why_over
 from prefcal_app.simulating import Screened, as_shown, at_stake, menu_names, named_titles, offer, why
-from prefcal_app.summary import Spread, after_a_slip, compare, list_shown, unmeasured
+from prefcal_app.summary import (
+    Spread,
+    after_a_slip,
+    compare,
+    kept_on_plant,
+    kept_text,
+    list_shown,
+    unmeasured,
+)
 from prefcal_env.controllers.written import (
     ANTI_WINDUP,
     EQUATIONS,
@@ -307,6 +315,7 @@ def over_view(
         "decisive": decisive_view(interview.known.findings),
         "menu": menu_view(interview),
         "smaller": smaller_view(interview, interview.known.findings),
+        "trial": trial_view(interview, now),
     }
 
 
@@ -501,4 +510,34 @@ def report_view(folder: Path | None) -> Any:
         "place": str(folder / "report.html"),
         "link": "/report/report.html",
         "acceptance": "/report/acceptance.html",
+    }
+
+
+# --- Try the result on the plant: old and new, or A and B if it is hidden which is which.
+
+
+def trial_view(interview: Interview, now: Now) -> dict[str, Any] | None:
+    """Return what to enter on a rig to try old and new, openly and blind; None if it cannot be tried.
+
+    θ is shown in a blind trial, too, since somebody has to enter it; KPIs and numbers are not.
+    """
+    blind = tried_on_plant(now.state, now.incumbent)
+    if "keep_on_plant" not in now.can or blind is None:
+        return None
+    best = blind[0] or blind[1]
+    baseline = baseline_of(now.state)
+
+    def side(choice: str, index: int, name: str) -> dict[str, Any]:
+        experiment = interview.past.experiment(index)
+        shown = theta_view(interview.scenario.space, experiment)
+        return {"choice": choice, "name": name, "theta": [{**knob, "differs": False} for knob in shown]}
+
+    return {
+        "best": best,
+        "open": [
+            side("old", 0, f"Old: {baseline} (experiment 1)"),
+            side("new", best, f"New: experiment {best + 1}"),
+        ],
+        "blind": [side(name, index, name) for name, index in zip("AB", blind, strict=True)],
+        "kept": kept_text(kept_on_plant(now.state)),
     }

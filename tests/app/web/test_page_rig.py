@@ -99,6 +99,45 @@ def test_a_rigs_records_are_dropped_refused_and_compared(browser, command, own):
     assert watched.errors == []
 
 
+def test_old_and_new_are_one_key_apart_at_the_end_and_one_is_confirmed(browser, command, own):
+    served, watched = command("own.py:rig", n_max=2), Watched(browser)
+    page = watched.page
+    page.goto(served.link)
+    for k, rows in enumerate((30, 20)):
+        watched.phase("record")
+        page.wait_for_function(
+            f"() => document.getElementById('record-title').textContent.includes('{k + 1}')"
+        )
+        content = record_of_toy(rows).encode()
+        page.set_input_files("#record-file", {"name": "a.csv", "mimeType": "text/csv", "buffer": content})
+        page.click("#record-save")
+    watched.question()
+    page.keyboard.press("ArrowLeft" if served.state.open[1].challenger_left else "ArrowRight")
+    watched.phase("over")
+    page.click("#trial-open")
+    assert "Old: first experiment (experiment 1)" in page.inner_text("#trial-side")
+    page.keyboard.press("o")
+    assert "New: experiment 2" in page.inner_text("#trial-side")
+    watched.shot("rig-trial")
+    page.click("text=Close, confirm nothing")
+    assert served.state.kept is None
+    page.click("#trial-blind")
+    shown = [page.inner_text("#trial-side")]
+    page.keyboard.press("o")
+    shown.append(page.inner_text("#trial-side"))
+    assert [text.split()[0] for text in shown] == ["A", "B"]
+    behind = page.eval_on_selector("#dialog", "it => getComputedStyle(it, '::backdrop').backgroundColor")
+    assert behind.startswith("rgb("), "the result behind would tell A from B"
+    watched.shot("rig-trial-blind")
+    page.click("text=This one stays")
+    page.wait_for_selector("text=Confirmed on the plant:")
+    which = ("old", "new")[served.state.kept[2].index]
+    assert f"Confirmed on the plant: {which}" in page.inner_text("#view-over")
+    assert served.state.kept[2].blind
+    watched.shot("rig-kept")
+    assert watched.errors == []
+
+
 def test_a_plant_that_breaks_down_is_tried_again(browser, command, own):
     served, watched = command("own.py:pump", n_max=4), Watched(browser)
     watched.open(served.link)

@@ -18,6 +18,7 @@ from prefcal_env.study import (
     Extended,
     Failed,
     Finished,
+    Kept,
     Led,
     Marked,
     Noted,
@@ -168,6 +169,20 @@ def test_what_was_said_of_a_result_counts_until_the_record_is_another_one(then, 
         assert file.state.concluded == {"share": 0.1}
         file.append(then)
         assert (file.state.concluded is not None) == counts
+
+
+def test_what_is_kept_on_a_plant_is_what_was_confirmed_last_until_the_study_goes_on():
+    with small_study(":memory:", answers=2) as file:
+        with pytest.raises(StudyError, match="the study is not over"):
+            file.append(Kept(1, False))
+        file.append(Ended("stopped"), Kept(1, False))
+        with pytest.raises(StudyError, match="no experiment of sample 9"):
+            file.append(Kept(9, False))
+        file.append(Kept(0, True), Noted("so"), Concluded({}))
+        assert file.state.kept is not None
+        assert file.state.kept[2] == Kept(0, True)
+        file.append(Reopened())
+        assert file.state.kept is None
 
 
 def test_a_failed_run_is_forgotten_once_it_has_run():

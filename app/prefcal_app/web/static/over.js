@@ -5,6 +5,7 @@ import { can, open } from "./flow.js";
 import { showNext } from "./history.js";
 import { showOther, showTheta } from "./simulated.js";
 import { bestCard } from "./status.js";
+import { trial } from "./trial.js";
 import { verification } from "./verify.js";
 
 const REASONS = {
@@ -61,6 +62,7 @@ function steps(now, act) {
         over.smaller ? button("Look at the smaller change", () => showTheta(over.smaller)) : null) : null) : null,
     over.menu.length ? item("Or do you prefer one of these?", el("p", {}, "People who answer like you might. Look at one beside the result, and at what lies between them."),
       el("p", { class: "actions" }, over.menu.map(({ name }, k) => [button(name, () => showOther(k), { class: "other" }), el("kbd", {}, String(k + 1))]))) : null,
+    over.trial ? item("Try it on the plant", trial(over.trial)) : null,
     over.next.verifies ? item("Will it hold on the plant?", verification()) : null,
     item("Come back", command(study.again, "opens this study again"), command(over.command, "repeats it from the start")),
     item("Done", el("p", { class: "actions" }, button("Close prefcal", close), el("span", { class: "faint" }, "ends the command in the terminal")))));

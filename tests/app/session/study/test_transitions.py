@@ -50,6 +50,12 @@ def asked():
 
 
 @pytest.fixture(scope="module")
+def beaten(whole):
+    """A study whose best experiment is another one than the first."""
+    return replace(whole, state=replace(whole.state, history=whole.state.history.with_best(1)))
+
+
+@pytest.fixture(scope="module")
 def new():
     """A study without an answer."""
     return begin(toy_scenario(), n_max=4)._driver.study
@@ -107,6 +113,11 @@ RULES = [
     ("ask_for", "whole", OVER, PlantFacts(), "continue it first"),
     ("choose", "whole", OVER, PlantFacts(), "nothing is simulated unseen"),
     ("choose", "asked", QUESTION, PlantFacts(), "has not ended"),
+    ("keep_on_plant", "beaten", OVER, RIG, None),
+    ("keep_on_plant", "beaten", QUESTION, RIG, "has not ended"),
+    ("keep_on_plant", "beaten", OVER, LIVE, "on a rig"),
+    ("keep_on_plant", "beaten", OVER, PlantFacts(), "on a rig"),
+    ("keep_on_plant", "new", OVER, RIG, "nothing to try"),
     ("record", "new", RECORD, RIG, None),
     ("record", "asked", QUESTION, RIG, None),  # it replaces one
     ("record", "new", QUESTION, RIG, "no record is waited for"),

@@ -1,0 +1,138 @@
+"""The result of a rig is tried on the plant, openly or blind, and what is confirmed stays in the study."""
+
+import json
+import re
+from dataclasses import replace
+from shutil import copy
+
+import pytest
+
+from prefcal_app.report.export import best_as_json
+from prefcal_app.report.write import sheet
+from prefcal_app.session import Choice, Phase, actions
+from prefcal_app.session.study import tried_on_plant
+from prefcal_app.summary import kept_on_plant, kept_text
+from prefcal_app.view import now_view, trial_view
+from prefcal_env.errors import StaleError, StudyError
+from prefcal_env.sources.rig import Rig
+from prefcal_env.study import StudyFile
+from support.interviews import begin, proceed, reopened
+from support.talking import talk
+from toy_scenario_tools import CHANNELS, csv
+from toy_study import toy_record, toy_scenario
+
+RIG = replace(toy_scenario(), cost=None, references={}, kpis=(), run=Rig(CHANNELS, (2.0,)))
+
+
+def finished(seed=0, path=None, better=True):
+    """A study of three records; the second one is better than the first, or none is."""
+    interview = begin(RIG, n_max=3, seed=seed, path=path)
+    while (now := proceed(interview)).phase is not Phase.OVER:
+        if now.phase is Phase.RECORD:
+            interview.do(actions.Record(now.pending.index, csv(5.0 + now.pending.index)))
+        else:
+            new = now.question.challenger.index == 1 and better
+            side = "left" if (now.question.left.challenger) is new else "right"
+            interview.do(actions.Answer(now.question.id, Choice(side)))
+    return interview
+
+
+@pytest.mark.parametrize(("choice", "index"), [("old", 0), ("new", 1)])
+def test_what_is_confirmed_is_in_the_file_of_a_study_that_is_killed_right_then(tmp_path, choice, index):
+    interview = finished(path=tmp_path / "a.prefcal")
+    interview.do(actions.KeepOnPlant(choice, 1))
+    killed = tmp_path / "killed"
+    killed.mkdir()
+    for file in tmp_path.glob("a.prefcal*"):  # as it is on the disk while the other one still runs
+        copy(file, killed)
+    again = reopened(RIG, killed / "a.prefcal")
+    kept = again.now().state.kept[2]
+    assert (kept.index, kept.blind) == (index, False)
+    view = trial_view(again, again.now())
+    assert f"Confirmed on the plant: {choice} (experiment {index + 1})" in view["kept"]
+
+
+def test_on_a_full_disk_nothing_is_confirmed(monkeypatch):
+    interview = finished()
+
+    def full(self, *events):
+        raise StudyError("the disk is full")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(StudyFile, "append", full)
+        with pytest.raises(StudyError, match="full"):
+            interview.do(actions.KeepOnPlant("new", 1))
+    assert interview.now().state.kept is None
+
+
+def test_a_blind_trial_shows_values_but_nothing_that_tells_old_from_new():
+    firsts = set()
+    for seed in range(8):
+        interview = finished(seed)
+        now = interview.now()
+        sides = tried_on_plant(now.state, now.incumbent)
+        shown = trial_view(interview, now)["blind"]
+        assert [side["name"] for side in shown] == ["A", "B"]
+        assert all(set(side) == {"choice", "name", "theta"} for side in shown)
+        assert not re.search("old|new|best|experiment", json.dumps(shown))
+        interview.do(actions.KeepOnPlant("B", 1))
+        kept = interview.now().state.kept[2]
+        assert (kept.index, kept.blind) == (sides[1], True)
+        firsts.add(sides[0])
+    assert firsts == {0, 1}
+
+
+def test_the_next_blind_trial_is_in_an_order_of_its_own():
+    interview, orders = finished(), set()
+    for _ in range(8):
+        orders.add(tried_on_plant(interview.now().state, 1))
+        interview.do(actions.KeepOnPlant("new", 1))
+    assert len(orders) == 2
+
+
+def test_a_result_that_is_another_one_by_now_is_not_confirmed():
+    interview = finished()
+    with pytest.raises(StaleError, match="another experiment is the best"):
+        interview.do(actions.KeepOnPlant("new", 2))
+
+
+def test_without_a_better_experiment_nothing_is_offered():
+    interview = finished(better=False)
+    now = interview.now()
+    assert "keep_on_plant" not in now.can
+    assert now_view(interview)["over"]["trial"] is None
+
+
+def test_going_on_withdraws_the_confirmation():
+    interview = finished()
+    interview.do(actions.KeepOnPlant("new", 1))
+    interview.do(actions.GoOn(1))
+    assert interview.now().state.kept is None
+
+
+def test_sheet_and_best_json_say_what_is_kept():
+    kept = {"which": "old", "experiment": 1, "blind": True, "by": "Ada", "at": "2026-01-01T10:11:12+00:00"}
+    told = "Confirmed on the plant: old (experiment 1), tried blind, by Ada 2026-01-01 10:11 (UTC)."
+    assert kept_text(kept) == told
+    with_it = replace(toy_record(), kept=kept)
+    assert told in sheet(with_it)
+    assert json.loads(best_as_json(with_it))["kept"] == kept
+    assert "On the plant" not in sheet(toy_record())
+    assert "kept" not in json.loads(best_as_json(toy_record()))
+
+
+@pytest.mark.parametrize("lines", [["b", "o", "keep"], ["t", "o", "o", "keep"]])
+def test_the_terminal_switches_and_confirms(lines):
+    interview = finished()
+    out = talk(interview, "", lines)
+    kept = interview.now().state.kept[2]
+    expected = tried_on_plant(finished().now().state, 1)[1] if lines[0] == "b" else 0
+    assert (kept.index, kept.blind) == (expected, lines[0] == "b")
+    assert kept_text(kept_on_plant(interview.now().state)) in out
+
+
+@pytest.mark.parametrize("lines", [["x"], ["t", "x"], ["b", ""]])
+def test_the_terminal_confirms_nothing_by_itself(lines):
+    interview = finished()
+    talk(interview, "", lines)
+    assert interview.now().state.kept is None
