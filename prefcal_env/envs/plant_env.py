@@ -1,11 +1,11 @@
 """A plant and a task as a Gymnasium environment: one step is one sampling period."""
 
 from bisect import bisect_right
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
-from math import isfinite
+from math import exp, expm1, isfinite
 from typing import Any
 
 import gymnasium as gym
@@ -23,7 +23,7 @@ from prefcal_env.experiments.experiment import (
     Trajectory,
     instants,
 )
-from prefcal_env.plants.jacobians import D, U, X
+from prefcal_env.plants.jacobians import D, States, Times, U, X
 from prefcal_env.plants.plant import Plant
 
 from .canvas import Canvas, DrawnCurve, check_render_mode
@@ -164,6 +164,23 @@ def dead_times(plant: Plant) -> Float[np.ndarray, "n_y n_u"]:
     return np.asarray(np.add.outer(outputs, inputs) + np.array(entries))
 
 
+def piecewise(
+    hold: Callable[[X, float, Times], States], x: X, t: Times, cuts: Sequence[float]
+) -> Float[np.ndarray, "M1 n_x"]:
+    """Return the states at `t[1:]`, where `hold(x, start, instants)` begins anew at each cut."""
+    if not cuts:
+        return hold(x, float(t[0]), t[1:])
+    rows: list[np.ndarray] = []
+    for a, b in pairwise([float(t[0]), *cuts, float(t[-1])]):
+        inside = t[(t > a) & (t <= b)]
+        # The state is needed where an input changes, also if nothing is recorded there.
+        instants = inside if len(inside) and inside[-1] == b else np.append(inside, b)
+        states = hold(x, a, instants)
+        rows.append(states[: len(inside)])
+        x = states[-1]
+    return np.concatenate(rows)
+
+
 class DeadTime:
     """The part of an episode that a plant with dead time remembers.
 
@@ -187,18 +204,9 @@ class DeadTime:
         self._tolerance = 1e-10 * (end - start)  # instants that are closer count as one
         self._given_at.append(start)
         self._given.append(u)
-        changes = self._changes(start, end)
-        if not changes:
-            return self._held(x, d, start, t[1:])
-        rows: list[np.ndarray] = []
-        for a, b in pairwise([start, *changes, end]):
-            inside = t[(t > a) & (t <= b)]
-            # The state is needed where an input changes, also if nothing is recorded there.
-            instants = inside if len(inside) and inside[-1] == b else np.append(inside, b)
-            states = self._held(x, d, a, instants)
-            rows.append(states[: len(inside)])
-            x = states[-1]
-        return np.concatenate(rows)
+        return piecewise(
+            lambda x, a, instants: self._held(x, d, a, instants), x, t, self._changes(start, end)
+        )
 
     def _held(self, x: X, d: D, start: float, t: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M n_x"]:
         """Return the states at `t` after x at `start`; no delayed input changes meanwhile."""
@@ -267,6 +275,22 @@ class DeadTime:
 
 
 Array = np.ndarray[Any, Any]
+_STRAIGHT, _SUDDEN, _LITTLE = 0.03, 1e8, 0.02
+"""Lengths of a period in lags beyond which the mean will do, since moments of the decay, or its end, are lost
+in rounding; and share of the largest move so far up to which it does: two steps take twice as long."""
+
+
+def _two_steps(r: float) -> tuple[float, float, float]:
+    """Return what stands for e^(-r t) from 0 to 1: its first value, until when, and its second value.
+
+    The integrals of both are the same, also those of t and of t² times them: a plant gets as much, and in
+    the mean as late. Both values are between 0 and 1.
+    """
+    left = exp(-r)
+    m0, m1, m2 = (1 - left) / r, (1 - (1 + r) * left) / r**2, (2 - (2 + 2 * r + r * r) * left) / r**3
+    second = (3 * m2 * m0 - 4 * m1 * m1) / (m0 - 4 * m1 + 3 * m2)
+    until = (2 * m1 - second) / (m0 - second)
+    return second + (m0 - second) / until, until, second
 
 
 class PlantEnv(gym.Env[Array, Array]):
@@ -313,6 +337,7 @@ class PlantEnv(gym.Env[Array, Array]):
         panels = len(self._tracked) + len(plant.inputs)
         self._canvas = Canvas(plant.name, f"time [{plant.time_unit}]", panels)
         self._episode: Trajectory | None = None
+        self._farthest = np.zeros(len(plant.inputs))
         self._held: list[U] = []  # what acted in each period: the record has what was asked for
         self._end: End | None = None
         self._T_s, self._steps = task.T_s, 0
@@ -364,7 +389,7 @@ class PlantEnv(gym.Env[Array, Array]):
             raise PlantError(f"the initial state x0 is unsafe: {x0}")
         self._T_s, self._steps, self._end = T_s, 0, None
         self._t, self._x, self._u, self._reached = 0.0, x0, self.task.u0, self.task.u0
-        self._episode, self._held = Trajectory(x0, self.task.u0), []
+        self._episode, self._held, self._farthest = Trajectory(x0, self.task.u0), [], np.zeros(len(self._low))
         if self._delayed:
             self._dead_time = DeadTime(self.plant, x0, self.task.u0, self.task.disturbance(0.0))
         self._draw_noise()
@@ -415,11 +440,15 @@ class PlantEnv(gym.Env[Array, Array]):
         # Nothing is drawn without jitter, so that its absence leaves the noise of a seed as it was.
         late = self.task.jitter * int(self.np_random.integers(-1, 2)) if self.task.jitter else 0.0
         t = instants(self._t, (self._steps + late) * self._T_s, self.task.dense_step)
-        held = self._move_actuators(u, float(t[-1] - t[0]))
-        if self._dead_time is None:
-            later = self.plant.hold(self._x, held, d, t[1:] - self._t)
-        else:
-            later = self._dead_time.hold(self._x, held, d, t)
+        held, parts = self._move_actuators(u, t)
+
+        def hold(x: X, start: float, after: Times) -> States:
+            acting = parts[-1][1] if start >= parts[-1][0] else parts[0][1]
+            if self._dead_time is None:
+                return self.plant.hold(x, acting, d, after - start)
+            return self._dead_time.hold(x, acting, d, np.concatenate([[start], after]))
+
+        later = piecewise(hold, self._x, t, [start for start, _ in parts[1:]])
         x = np.concatenate([self._x[None], later])
         kept, stopped = self._survived(x)
         if stopped:
@@ -523,14 +552,25 @@ class PlantEnv(gym.Env[Array, Array]):
             )
         return found
 
-    def _move_actuators(self, u: Array, duration: float) -> Array:
-        """Return the mean of the inputs on their way to `u`, shape (n_u,), and move them on."""
+    def _move_actuators(self, u: U, t: Times) -> tuple[U, list[tuple[float, U]]]:
+        """Move the actuators towards `u` over a period.
+
+        Return the mean of the inputs on their way, and what stands for them from when on; each shape (n_u,).
+        """
         missing, self._reached = self._reached - u, u
         if not self.task.lag:
-            return u
+            return u, [(self._t, u)]
+        duration = float(t[-1] - t[0])
         share = duration / self.task.lag
-        self._reached = u + missing * np.exp(-share)
-        return np.asarray(u - missing * np.expm1(-share) / share)
+        self._reached, mean = u + missing * exp(-share), u - missing * expm1(-share) / share
+        self._farthest = np.maximum(self._farthest, np.abs(missing))
+        little = bool(np.all(np.abs(missing) <= _LITTLE * self._farthest))
+        discrete = getattr(self.plant, "sample_time", 0.0) > 0  # it sees nothing between its samples
+        if little or discrete or not _STRAIGHT < share < _SUDDEN:
+            return mean, [(self._t, mean)]
+        first, until, second = _two_steps(share)
+        steps = [(self._t, u + missing * first), (self._t + until * duration, u + missing * second)]
+        return mean, steps
 
     def _saturate(self, u: Array) -> Array:
         low, high, move = self._low, self._high, self.task.max_move

@@ -43,7 +43,7 @@ def test_the_other_code_imports_nothing_of_prefcal():
 def test_a_fragile_tuning_fails_as_often_in_the_other_code_plant_by_plant(check, fragile):
     assert 0 < fragile.failed < fragile.runs
     assert fragile.differ <= 1
-    assert fragile.others / fragile.drawn < fragile.bound
+    assert fragile.above == 0
     assert check.report([fragile])[1] == []
 
 
@@ -57,10 +57,30 @@ def test_a_simulation_that_forgets_what_varies_would_be_found(check, fragile, mo
 
 
 def test_verdicts_that_differ_and_bounds_that_do_not_hold_are_said(check, fragile):
-    rows = [check.Compared("a", 299, 0, 4, 0, 3000, 0.01)]
+    rows = [check.Compared("a", 299, 0, 4, 0, 3000, (0.01,))]
     assert check.report(rows)[1] == ["a: verdicts differ"]
-    low = [check.Compared("b", 299, 0, 0, 10, 3000, 0.001)] * 3
+    low = [check.Compared("b", 299, 0, 0, 10, 3000, (0.001,))] * 3
     assert check.report(low)[1] == ["3 of 3 bounds are below the share of the other code"]
+
+
+def test_verifications_of_a_loop_add_up(check):
+    once, again = (check.Compared("a", 100, n, 1, 30, 3000, (bound,)) for n, bound in ((1, 0.005), (2, 0.02)))
+    (sum_,) = check.together([once, again])
+    assert (sum_.runs, sum_.failed, sum_.differ, sum_.others, sum_.drawn) == (200, 3, 2, 60, 6000)
+    assert (sum_.bounds, sum_.above) == ((0.005, 0.02), 1)
+
+
+def test_what_a_file_has_is_not_compared_again(check, monkeypatch, tmp_path):
+    asked = []
+
+    def compared(name, _, kind, runs, others, seed):
+        asked.append((name, kind, seed))
+        return check.Compared(f"{name}, {kind}", runs, 0, 0, 0, others, (0.03,))
+
+    monkeypatch.setattr(check, "compared", compared)
+    first = list(check._rows(["lag"], 9, 90, 1, tmp_path / "rows.jsonl"))
+    assert list(check._rows(["lag"], 9, 90, 2, tmp_path / "rows.jsonl"))[:2] == first
+    assert asked == [("lag", kind, seed) for seed in (0, 1) for kind in ("sound", "fragile")]
 
 
 def test_a_run_of_the_other_code_is_that_of_small_steps(check):

@@ -442,3 +442,23 @@ def test_they_follow_from_the_seed():
 def test_a_period_keeps_its_place(jitter):
     with pytest.raises(SettingsError, match="jitter must be"):
         replace(TASK, jitter=jitter)
+
+
+@pytest.mark.parametrize("lag", [0.05, 0.4, 1.0, 10.0])
+def test_a_lag_of_the_actuators_acts_like_a_state_that_the_input_passes(lag):
+    """Held at its mean, the input would leave x up to 5 % of the move away after a period."""
+    x, limits = [Channel("x"), Channel("v")], {"low": -5.0, "high": 5.0}
+    twice = FunctionPlant(lambda x, u, d: [x[1], u[0]], states=x, inputs=[Channel("u", **limits)])
+    behind = FunctionPlant(
+        lambda x, u, d: [x[1], x[2], (u[0] - x[2]) / lag],
+        states=[*x, Channel("actuator")],
+        inputs=[Channel("u", **limits)],
+    )
+    inputs, ends = (4.0, -3.0, 0.5, 0.5, -4.5), []
+    for plant, own in ((twice, lag), (behind, 0.0)):
+        n = len(plant.states)
+        task = Task(x0=np.zeros(n), u0=np.zeros(1), y_ref=np.full(n, np.nan), horizon=5.0, T_s=1.0, lag=own)
+        env = PlantEnv(plant, task)
+        env.reset()
+        ends.append([env.apply(np.array([u])).x[-1][:2] for u in inputs])
+    assert np.array(ends[0]) == pytest.approx(np.array(ends[1]), abs=1e-5)
