@@ -59,9 +59,7 @@ def anew(monkeypatch):
     """The number of experiments of each stage that is learned from the one before."""
     found, follow = [], Growth._follow
     monkeypatch.setattr(
-        Growth,
-        "_follow",
-        lambda g, past, *rest: (found.append(past.answered), follow(g, past, *rest))[1],
+        Growth, "_follow", lambda g, past, *rest: (found.append(past.answered), follow(g, past, *rest))[1]
     )
     return found
 
