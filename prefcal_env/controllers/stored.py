@@ -70,6 +70,8 @@ def from_data(data: Mapping[str, Any]) -> Controller:
     kind = kind_of(name)
     if kind is None:
         raise SettingsError(f"controller must be one of {sorted(KINDS)}, got {name!r:.80}")
+    if _holds_truth(data):  # numpy would read true as 1
+        raise SettingsError(f"the data of a {name} do not fit: they must be numbers, got true or false")
     try:
         # Only classes that said so are made: a file that was sent to you must not choose what runs.
         return kind.of_data({k: v for k, v in data.items() if k != "controller"})
@@ -77,6 +79,11 @@ def from_data(data: Mapping[str, Any]) -> Controller:
         raise SettingsError(f"the data of a {name} do not fit: {error} is missing") from error
     except (TypeError, IndexError, AttributeError, ValueError, OverflowError) as error:
         raise SettingsError(f"the data of a {name} do not fit: {error!s:.200}") from error
+
+
+def _holds_truth(data: Any) -> bool:
+    inner = data.values() if isinstance(data, Mapping) else data if isinstance(data, list | tuple) else ()
+    return isinstance(data, bool) or any(map(_holds_truth, inner))
 
 
 def finite(value: float | None) -> float | None:

@@ -328,6 +328,7 @@ def test_fewer_channels_than_the_controller_has_are_refused(heater, key):
         ({"theta": [2.0, 1.0]}, "must be a table of numbers"),
         ({"theta": {"K_p": "high"}}, "must be a table of numbers, got .*'high'"),
         ({"settings": as_data(HEATER) | {"K_p": 10**400}}, "data of a PID do not fit"),
+        ({"settings": as_data(HEATER) | {"low": True}}, "must be numbers, got true or false"),
         ({"settings": {"controller": "LQR"}}, "data of a LQR do not fit: 'model' is missing"),
         ({"settings": {"controller": ["PID"]}}, "describe no PID"),
     ],
