@@ -16,6 +16,9 @@ from unittest import mock
 import pandas as pd
 
 from prefcal_app.__main__ import main as prefcal
+from prefcal_env import LQR, PID, Plant
+from prefcal_env.controllers import as_data
+from prefcal_env.experiments.experiment import Controller
 
 Dice = random.Random
 
@@ -747,6 +750,107 @@ def results(dice: Dice) -> Wrong:
     )
 
 
+# --- Tunings to export, and step tests to identify.
+
+BEST: Mapping[str, Any] = {
+    "format": 1,
+    "scenario": "heater.py:heater",
+    "title": "Heater",
+    "theta": {"K_p": 2.0, "T_i": 120.0},
+    "units": {"K_p": "%/°C", "T_i": "s"},
+    "channels": {"time_unit": "s", "x": [], "u": [["valve", "%"]], "y": [["T", "°C"]]},
+}
+"""A best.json of a PID, without its settings."""
+_TUNED: Sequence[Controller] = (
+    PID(2.0, 120.0, 10.0, T_s=1.0, b=0.5, low=0.0, high=100.0),
+    LQR(Plant.of(([1.0], [9.0, 1.0])), [1.0], [1.0], T_s=0.5),
+)
+
+
+def exports(dice: Dice) -> Wrong:
+    """Return a wrong best.json for `export`, or a wrong word about one."""
+    name, junk, how = word(dice), dice.choice(JUNK[2:]), dice.randrange(5)
+    plain: Any = {**json.loads(json.dumps(BEST)), "settings": as_data(dice.choice(_TUNED))}
+    if "model" in plain["settings"]:
+        plain["channels"]["x"] = [["x1", ""]]
+    words: tuple[str, ...] = ("--to", "c")
+    named: tuple[str, ...] = ("best.json",)
+    needed = [path for path in leaves(plain) if path[0] in ("settings", "channels", *_NEEDED)]
+    content = b""
+    if how == 0:  # a value of another type; None is an infinite one in settings
+        path = dice.choice([path for path in needed if path[0] != "channels"])
+        plain, new = with_other(dice, plain, path)
+        if new is None and path[0] == "settings":
+            at(plain, path[:-1])[path[-1]] = "abc"
+        named = ("best.json", str(path[-1]))
+    elif how == 1:  # what must be there is not
+        inner = [(k,) for k in _NEEDED] + [("settings", k) for k in plain["settings"] if k in _NO_DEFAULT]
+        path = dice.choice(inner)
+        del at(plain, path[:-1])[path[-1]]
+        named = ("best.json", str(path[-1]))
+    elif how == 2:  # too few channels, or none
+        key = dice.choice(["u", "y", *(["x"] if "model" in plain["settings"] else [])])
+        plain["channels"][key] = dice.choice(
+            [[3], 3, [[]], "abc", [[name] * 9], None, [{"a": 1}], [] if key != "x" else 3]
+        )
+        named = ("channels",)
+    elif how == 3:
+        content = damaged(dice, json.dumps(plain).encode())
+    else:
+        words, named = dice.choice(
+            [
+                (("--to", name), ("--to", name)),
+                ((), ("--to",)),
+                (("--to", "c", "--name", junk), ("name",)),
+                (("--to", "forms", "--time", name), (name, "only a PID")),
+                (("--to", "forms", "--ranges", junk), ("--ranges",)),
+                (("--to", "c", "--ranges", "0:1,0:1"), ("ranges",)),
+                (("--to", "forms", "--ranges", "5:1,0:9"), ("--ranges",)),
+                (("--to", "c", "--out", f"{name}/a.h"), ("--out", name)),
+                (("--to", "c", name), (name,)),
+                (("--to", "c", f"--{name}"), (name,)),
+            ]
+        )
+    files = {"best.json": content or json.dumps(plain).encode()}
+    return typed("export", "best.json", *words, named=named, files=files)
+
+
+_NO_DEFAULT = ("K_p", "T_s", "model", "Q", "R", "integral", "Q_i", "controller")
+_STEP = b"time [s],level [m],valve [%]\n" + b"".join(
+    b"%d,%.4f,%d\n" % (k, 2 + (k > 10) * (1 - 0.8 ** (k - 10)), 40 + 10 * (k > 9)) for k in range(60)
+)
+
+
+def steps(dice: Dice) -> Wrong:
+    """Return a wrong record of a step test, or a wrong word about one, for `identify`."""
+    name, junk = word(dice), dice.choice(JUNK[2:])
+    if dice.random() < 0.5:
+        kind = dice.choice(["csv", "csv", "csv", "xlsx", "parquet"])
+        content = cells(dice) if kind == "csv" else _book(dice, kind)
+        content = dice.choice([content, content, RUNS["a.csv"], b"".join(_STEP.splitlines(True)[:9])])
+        return typed("identify", f"{name}.{kind}", named=(), files={f"{name}.{kind}": content})
+    words, named = dice.choice(
+        [
+            (("step.csv", "--input", name), (name,)),
+            (("step.csv", "--output", name), (name,)),
+            (("step.csv", "--input", "level", "--output", "level"), ("level",)),
+            (("step.csv", "--time", name), (name,)),
+            (("step.csv", "--unit", f"level={name}"), (name,)),
+            (("step.csv", "--unit", f"{name}=m"), (name,)),
+            (("step.csv", "--unit", "level"), ("--unit",)),
+            (("step.csv", "--limits", junk), ("--limits",)),
+            (("step.csv", "--limits", "9:1"), ("--limits",)),
+            (("step.csv", "--resolution", dice.choice(["-1", "nan", junk])), ("--resolution", "resolution")),
+            (("step.csv", "--out", f"{name}/{name}.png"), (name,)),
+            (("step.csv", "--out", f"x.{name}"), (name,)),
+            (("step.csv", name), (name,)),
+            ((f"{name}.csv",), (name,)),
+            (("step.csv", f"--{name}"), (name,)),
+        ]
+    )
+    return typed("identify", *words, named=named, files={"step.csv": _STEP})
+
+
 # --- All of them.
 
 COMMANDS: Mapping[str, Callable[[Dice], Wrong]] = {
@@ -757,5 +861,7 @@ COMMANDS: Mapping[str, Callable[[Dice], Wrong]] = {
     "tables": tables,
     "studies": studies,
     "results": results,
+    "exports": exports,
+    "steps": steps,
 }
 """What makes a wrong input for the commands, at each door."""

@@ -1,14 +1,14 @@
-"""Throw random wrong inputs at nine doors of prefcal, and look for one that is not refused in one clear line.
+"""Throw random wrong inputs at eleven doors of prefcal: is each refused in one clear line?
 
     python benchmarks/stress/wrong_inputs.py                     # 1,000 inputs: some minutes
     python benchmarks/stress/wrong_inputs.py --count 60 --doors files taste
     python benchmarks/stress/wrong_inputs.py --doors files --only 17   # one input again
 
 Doors are options and values of the commands, scenario files, own Python files, recorded runs, study files,
-best.json and verification.json, requests of a page, tables to choose from, and calls of `Taste`. Each input
-is wrong by how it is made, and follows from seed, door and number alone. It must end in exit code 1 or 2
-and in one line (of `check`, in its table), which names what was wrong in what people typed or wrote: no
-traceback, no wait, nothing written, no thread left at work.
+best.json and verification.json, tunings to export, step tests to identify, requests of a page, tables to
+choose from, and calls of `Taste`. Each input is wrong by how it is made, and follows from seed, door and
+number alone. It must end in exit code 1 or 2 and in one line (of `check`, in its table), which names what
+was wrong in what people typed or wrote: no traceback, no wait, nothing written, no thread left at work.
 What is not so is printed with its input, and the exit code is then 1.
 """
 

@@ -26,7 +26,7 @@ class Storable(Controller, Protocol):
 
 Kind = TypeVar("Kind", bound=type[Storable])
 KINDS: dict[str, type[Storable]] = {}
-"""Controllers that `from_data` makes, by the names of their classes."""
+"""Controllers that `from_data` makes, by the names of their classes; `kind_of` adds the MPC."""
 
 
 def storable(kind: Kind) -> Kind:
@@ -34,6 +34,15 @@ def storable(kind: Kind) -> Kind:
     # By the class's own name, so that best.json needs no table of names.
     KINDS[kind.__name__] = kind
     return kind
+
+
+def kind_of(name: Any) -> type[Storable] | None:
+    """Return the class of controllers that data call `name`; None if there is none."""
+    if name == "LinearMPC" and name not in KINDS:
+        from prefcal_env.mpc import LinearMPC  # here: it loads the compiler
+
+        storable(LinearMPC)
+    return KINDS.get(name) if isinstance(name, str) else None
 
 
 def as_data(controller: Controller) -> dict[str, Any]:
@@ -44,6 +53,7 @@ def as_data(controller: Controller) -> dict[str, Any]:
     Raises:
         SettingsError: If the controller is of another kind.
     """
+    kind_of(type(controller).__name__)
     for name, kind in KINDS.items():
         if isinstance(controller, kind):
             return {"controller": name, **controller.as_data()}
@@ -56,14 +66,24 @@ def from_data(data: Mapping[str, Any]) -> Controller:
     Raises:
         SettingsError: If `data` describes no controller of this package.
     """
-    kind = data.get("controller")
-    if kind not in KINDS:
-        raise SettingsError(f"controller must be one of {sorted(KINDS)}, got {kind!r}")
+    name = data.get("controller")
+    kind = kind_of(name)
+    if kind is None:
+        raise SettingsError(f"controller must be one of {sorted(KINDS)}, got {name!r:.80}")
+    if _holds_truth(data):  # numpy would read true as 1
+        raise SettingsError(f"the data of a {name} do not fit: they must be numbers, got true or false")
     try:
         # Only classes that said so are made: a file that was sent to you must not choose what runs.
-        return KINDS[kind].of_data({k: v for k, v in data.items() if k != "controller"})
-    except (TypeError, KeyError, AttributeError, ValueError) as error:
-        raise SettingsError(f"the data of a {kind} do not fit: {error}") from error
+        return kind.of_data({k: v for k, v in data.items() if k != "controller"})
+    except KeyError as error:
+        raise SettingsError(f"the data of a {name} do not fit: {error} is missing") from error
+    except (TypeError, IndexError, AttributeError, ValueError, OverflowError) as error:
+        raise SettingsError(f"the data of a {name} do not fit: {error!s:.200}") from error
+
+
+def _holds_truth(data: Any) -> bool:
+    inner = data.values() if isinstance(data, Mapping) else data if isinstance(data, list | tuple) else ()
+    return isinstance(data, bool) or any(map(_holds_truth, inner))
 
 
 def finite(value: float | None) -> float | None:

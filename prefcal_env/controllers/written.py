@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite, nan, sqrt
 from string import Template
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 
@@ -17,6 +17,10 @@ from prefcal_env.units import conversion
 
 from .lqr import LQG, LQR
 from .pid import PID, Decentralized, tracking_time
+from .stored import kind_of
+
+if TYPE_CHECKING:
+    from prefcal_env.mpc import LinearMPC
 
 # --- The numbers of a PID, in the forms that control systems use.
 
@@ -174,6 +178,7 @@ _WRITES: Mapping[str, tuple[str, ...]] = {
     "Decentralized": ("st", "c"),
     "LQR": ("c",),
     "LQG": ("c",),
+    "LinearMPC": ("c",),
 }
 _WIDEST = 1e38  # stands for no limit, which neither language has a number for; a REAL can hold it, too
 
@@ -189,10 +194,11 @@ def as_code(
     """Return a program that does at every sampling instant what the controller does.
 
     A PID becomes a function block of IEC 61131-3 structured text or a C function; several PIDs, one each;
-    LQR and LQG, a C function. All memory is fixed, and C needs no library.
+    LQR, LQG and the MPC of a linear plant, a C function. All memory is fixed, and C needs no library; the
+    MPC needs math.h.
 
     Args:
-        controller: PID, `Decentralized`, `LQR` or `LQG`.
+        controller: PID, `Decentralized`, `LQR`, `LQG` or `LinearMPC`.
         language: "st" for structured text, "c" for C99.
         channels: What its outputs, inputs and states are called, and the unit of time, for comments.
         name: Name of the function block or function.
@@ -209,14 +215,20 @@ def as_code(
     if isinstance(controller, Decentralized):
         each = enumerate(controller.pids, start=1)
         return "\n".join(_pid(pid, language, channels, f"{name}_{i}", about) for i, pid in each)
-    if not isinstance(controller, LQR | LQG):
-        raise SettingsError(
-            f"a controller of type {type(controller).__name__} cannot be written as code: PID, LQR and LQG "
-            "can. An MPC solves an optimization problem at every instant, which prefcal does not write yet"
-        )
     if language != "c":
-        raise SettingsError("an LQR or LQG is written in C only; structured text is for PIDs")
-    return _lqr(controller, channels, name, about)
+        raise SettingsError("structured text is for PIDs; an LQR, LQG or MPC is written in C only")
+    if isinstance(controller, LQR | LQG):
+        return _lqr(controller, channels, name, about)
+    if _is_mpc(controller):
+        return _mpc(controller, channels, name, about)
+    raise SettingsError(
+        f"a controller of type {type(controller).__name__} cannot be written as code: PID, LQR, LQG and "
+        "LinearMPC can"
+    )
+
+
+def _is_mpc(controller: Controller) -> "TypeGuard[LinearMPC]":
+    return type(controller).__name__ == "LinearMPC" and isinstance(controller, kind_of("LinearMPC") or ())
 
 
 _TYPES = (
@@ -254,7 +266,7 @@ _WORDS = (
 def _reserved() -> set[str]:
     """Return the names that are taken, where upper and lower case are the same."""
     parts = (_ESTIMATED, _MEASURED, _REFERENCES, _SUMS, _STEPS, _CUT, _SUMMED)
-    programs = "\n".join((_STRUCTURED_TEXT, _C, _LQR, *parts)).lower()
+    programs = "\n".join((_STRUCTURED_TEXT, _C, _LQR, _MPC, *parts)).lower()
     code = re.sub(r"\(\*.*?\*\)|/\*.*?\*/|\$\{?\w+\}?\w*", "", programs, flags=re.DOTALL)
     types = _TYPES.split()
     turned = {f"{one}_to_{other}" for one in types for other in types}
@@ -588,6 +600,10 @@ def _constants(lqr: LQR, lqg: LQG | None) -> Iterator[str]:
         arrays["F"] = lqr.K_r
     if lqg is not None or not sums:
         arrays["y0"] = m.y0
+    yield from _declared(arrays)
+
+
+def _declared(arrays: Mapping[str, np.ndarray]) -> Iterator[str]:
     for name, array in arrays.items():
         shape = "".join(f"[{length}]" for length in array.shape)
         yield f"    static const double {name}{shape} = {_nested(array)};"
@@ -596,3 +612,203 @@ def _constants(lqr: LQR, lqg: LQG | None) -> Iterator[str]:
 def _nested(array: np.ndarray) -> str:
     parts = (_nested(row) if row.ndim else _number(float(row)) for row in map(np.asarray, array))
     return f"{{{', '.join(parts)}}}"
+
+
+# --- An MPC of a linear plant in C.
+#
+# Source: Goldfarb, Idnani (1983), as `prefcal_env.qp._active_set` has it, whose steps and tolerances these
+# are: so the moves are the same also where a limit is nearly active.
+
+_MPC = """\
+/* $about */
+#ifndef ${guard}_H
+#define ${guard}_H
+
+#include <math.h>
+
+typedef struct {
+    double p[$p], low[$m], high[$m], offset[$m]; /* of this step: what was measured, the limits, the rows */
+    double z[$n], J[$n][$n], R[$n][$n]; /* deviations, and the factors of the active rows */
+    double mu[$n], a[$n], d[$n], step[$n], back[$n];
+} ${name}_state; /* room to compute in, which needs no start: static ${name}_state state; */
+
+static inline void ${name}_turn(double *one, double *other, double c, double s)
+{
+    const double first = *one, second = *other;
+    *one = c * first + s * second;
+    *other = c * second - s * first;
+}
+
+/* Write the inputs into u. Return 0; else it is acted, held, because 1: no move keeps the limits,
+   2: $most iterations were not enough, 3: a number that was given is not finite.
+   automatic: 0 is manual. Then u is hand, within the limits, and the way back is bumpless.
+   r: references of the outputs, constant over the horizon. x: states. acted: inputs since the last call. */
+static inline int $name(${name}_state *m, int automatic, const double *hand, const double *r,
+    const double *x, const double *acted, double *u)
+{
+    enum { $sizes };
+$constants
+    double sum, size, over, under, excess, largest, violation, sign, push, rise, full, partial, length, c, s;
+    int i, j, k = 0, row, out, turns = 0;
+    for (i = 0; i < NP; i++) {
+        m->p[i] = (i < NX ? x[i] : i < NX + NU ? acted[i - NX] : r[i - NX - NU]) - BASE[i];
+    }
+    for (i = 0; i < NU; i++) {
+        u[i] = automatic ? acted[i] : hand[i] > HIGH[i] ? HIGH[i] : hand[i] < LOW[i] ? LOW[i] : hand[i];
+    }
+    for (i = 0; i < NP && automatic; i++) {
+        if (m->p[i] - m->p[i] != 0.0) return 3;
+    }
+    if (!automatic) return 0;
+    for (i = 0; i < M; i++) {
+        m->offset[i] = OFFSET[i];
+        for (j = 0; j < NP; j++) m->offset[i] += SLOPES[i][j] * m->p[j];
+        m->low[i] = LOW[i];
+        m->high[i] = HIGH[i];
+        if (i < NI) { /* an input, less the last one, which may lie outside: then as near as moves reach */
+            j = i % NU;
+            m->low[i] -= acted[j];
+            m->high[i] -= acted[j];
+            if (m->low[i] > 0.0) m->low[i] = fmin(m->low[i], (i / NU + 1) * MOST_UP[j]);
+            if (m->high[i] < 0.0) m->high[i] = fmax(m->high[i], (i / NU + 1) * MOST_DOWN[j]);
+        }
+        if (i < NU) { /* the first move is its input */
+            m->low[i] = fmax(m->low[i], MOST_DOWN[i]);
+            m->high[i] = fmin(m->high[i], MOST_UP[i]);
+        }
+    }
+    for (i = 0; i < N; i++) {
+        m->z[i] = 0.0;
+        for (j = 0; j < N; j++) m->J[i][j] = i == j ? 1.0 : 0.0;
+    }
+    for (;;) {
+        row = -1;
+        largest = violation = 0.0;
+        sign = 1.0;
+        for (i = 0; i < M; i++) { /* which row is violated most? */
+            sum = size = 0.0;
+            for (j = 0; j < N; j++) {
+                sum += G[i][j] * m->z[j];
+                size += fabs(G[i][j] * m->z[j]);
+            }
+            over = sum - (m->high[i] - m->offset[i]);
+            under = m->low[i] - m->offset[i] - sum;
+            excess = over > under ? over : under;
+            if (excess > ABSOLUTE + RELATIVE * size && excess > largest * NORM[i]) {
+                largest = NORM[i] > 0.0 ? excess / NORM[i] : HUGE_VAL;
+                row = i;
+                violation = excess;
+                sign = over > under ? 1.0 : -1.0;
+            }
+        }
+        if (row < 0) break; /* none: solved */
+        for (j = 0; j < N; j++) m->a[j] = -sign * G[row][j];
+        push = 0.0;
+        do { /* go to its limit, and drop active rows that are in the way */
+            if (turns++ >= $most) return 2;
+            rise = 0.0;
+            for (j = 0; j < N; j++) {
+                m->d[j] = 0.0;
+                for (i = 0; i < N; i++) m->d[j] += m->J[i][j] * m->a[i];
+                if (j >= k) rise += m->d[j] * m->d[j];
+            }
+            for (i = 0; i < N; i++) {
+                m->step[i] = 0.0;
+                for (j = k; j < N; j++) m->step[i] += m->J[i][j] * m->d[j];
+            }
+            partial = HUGE_VAL;
+            out = -1;
+            for (i = k - 1; i >= 0; i--) {
+                m->back[i] = m->d[i];
+                for (j = i + 1; j < k; j++) m->back[i] -= m->R[i][j] * m->back[j];
+                m->back[i] /= m->R[i][i];
+            }
+            for (j = 0; j < k; j++) {
+                if (m->back[j] > 0.0 && m->mu[j] < partial * m->back[j]) {
+                    partial = m->mu[j] / m->back[j];
+                    out = j;
+                }
+            }
+            full = rise > 1e-26 * NORM[row] * NORM[row] ? violation / rise : HUGE_VAL;
+            length = full < partial ? full : partial;
+            if (!(length < HUGE_VAL)) return 1;
+            push += length;
+            for (j = 0; j < k; j++) m->mu[j] -= length * m->back[j];
+            for (i = 0; i < N && full < HUGE_VAL; i++) m->z[i] += length * m->step[i];
+            if (full < HUGE_VAL) violation -= length * rise;
+            if (full <= partial) { /* the row is active now */
+                for (j = N - 1; j > k; j--) {
+                    size = hypot(m->d[j - 1], m->d[j]);
+                    if (!(size > 0.0)) continue;
+                    c = m->d[j - 1] / size;
+                    s = m->d[j] / size;
+                    m->d[j - 1] = size;
+                    for (i = 0; i < N; i++) ${name}_turn(&m->J[i][j - 1], &m->J[i][j], c, s);
+                }
+                for (i = 0; i <= k; i++) m->R[i][k] = m->d[i];
+                m->mu[k++] = push;
+            } else { /* the row number out is not any more */
+                for (j = out; j < k - 1; j++) {
+                    m->mu[j] = m->mu[j + 1];
+                    for (i = 0; i < k; i++) m->R[i][j] = m->R[i][j + 1];
+                }
+                for (j = out; j < k - 1; j++) {
+                    size = hypot(m->R[j][j], m->R[j + 1][j]);
+                    c = m->R[j][j] / size;
+                    s = m->R[j + 1][j] / size;
+                    for (i = j; i < k - 1; i++) ${name}_turn(&m->R[j][i], &m->R[j + 1][i], c, s);
+                    for (i = 0; i < N; i++) ${name}_turn(&m->J[i][j], &m->J[i][j + 1], c, s);
+                }
+                k--;
+            }
+        } while (full > partial);
+    }
+    for (i = 0; i < NU; i++) {
+        sum = m->offset[i];
+        for (j = 0; j < N; j++) sum += G[i][j] * m->z[j];
+        u[i] = acted[i] + (sum > m->high[i] ? m->high[i] : sum < m->low[i] ? m->low[i] : sum);
+    }
+    return 0;
+}
+
+#endif
+"""
+
+
+def _mpc(mpc: "LinearMPC", channels: Channels, name: str, about: str) -> str:
+    qp, s = mpc.condensed(), mpc.settings
+    (m, n), p = qp.G.shape, len(qp.base)
+    n_x, n_u, n_y = len(mpc.plant.states), len(qp.du_min), len(mpc.plant.outputs)
+    sizes = {"NX": n_x, "NU": n_u, "NP": p, "NI": s.N_u * n_u, "N": n, "M": m}
+    head = _comment(
+        about,
+        f"MPC, to be called once in every sampling time of {s.T_s:.6g} {_time_of(channels)}.",
+        f"N_p = {s.N_p}, N_u = {s.N_u}. It predicts without dead time, and solves its QP exactly.",
+        _listed("r", channels.y, n_y),
+        _listed("u", channels.u, n_u),
+        _listed("x", channels.x, n_x),
+    )
+    arrays = {"BASE": qp.base, "G": qp.G, "NORM": np.linalg.norm(qp.G, axis=1), "OFFSET": qp.offset}
+    arrays |= {
+        "SLOPES": qp.slopes,
+        "LOW": qp.low,
+        "HIGH": qp.high,
+        "MOST_DOWN": qp.du_min,
+        "MOST_UP": qp.du_max,
+    }
+    constants = [
+        f"    const double ABSOLUTE = {_number(s.tolerances.absolute)};",
+        f"    const double RELATIVE = {_number(s.tolerances.relative)};",
+        *_declared(arrays),
+    ]
+    return Template(_MPC).substitute(
+        about=head,
+        guard=name.upper(),
+        name=name,
+        sizes=", ".join(f"{key} = {value}" for key, value in sizes.items()),
+        constants="\n".join(constants),
+        most=s.tolerances.max_iterations,
+        p=p,
+        m=m,
+        n=n,
+    )

@@ -1,8 +1,8 @@
 """The linear (time-varying) model predictive controller of eq. MPC, and its settings."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
-from typing import Any, Literal, get_args
+from typing import Any, Literal, Self, get_args
 
 import numpy as np
 from jaxtyping import Float
@@ -11,6 +11,7 @@ from prefcal_env.arrays import is_number, vector, weights
 from prefcal_env.errors import PlantError, SettingsError
 from prefcal_env.experiments.experiment import Measurement, Move
 from prefcal_env.plants.plant import Plant, equations_of
+from prefcal_env.plants.systems import LinearPlant
 from prefcal_env.qp import QP, PIQPSolver, Tolerances
 
 from . import kernels
@@ -126,6 +127,24 @@ def control_horizon(share: float, N_p: int) -> int:
     return max(1, int(np.floor(share * N_p + 0.5)))
 
 
+@dataclass(frozen=True, slots=True)
+class Condensed:
+    """The QP of every step of an MPC on a linear plant: the point z nearest to 0 within limits.
+
+    Rows of the inputs come first, then those of the moves after the first, of limited outputs, and of the
+    slack. Limits of inputs and moves are absolute; a first move has both.
+    """
+
+    base: Float[np.ndarray, " n"]  # x, u and y_ref at which the rows are `offset`
+    G: Float[np.ndarray, "m n_z"]  # rows
+    offset: Float[np.ndarray, " m"]  # what each row is at `base` and z = 0, of an input less the last one
+    slopes: Float[np.ndarray, "m n"]  # how it changes with x, u and y_ref
+    low: Float[np.ndarray, " m"]  # lower limits
+    high: Float[np.ndarray, " m"]  # upper limits
+    du_min: Float[np.ndarray, " n_u"]  # lower limits of a move
+    du_max: Float[np.ndarray, " n_u"]  # upper limits of a move
+
+
 _MEASURED = ("x", "u", "d", "y_ref")
 
 
@@ -233,6 +252,93 @@ class LinearMPC:
         _, _, _, _, *rows_of_qp = kernels.decide(*self._data(measurement), *self._problem, self._solver)
         self._equations.check()
         return _nearest(*rows_of_qp)
+
+    def condensed(self) -> "Condensed":
+        """Return the QP of every step, as it follows from x, u and y_ref, if the model is linear.
+
+        Raises:
+            SettingsError: If it is not, or has measured disturbances, or its soft limits cannot be trusted.
+        """
+        plant = self._linear()
+        n_x, n_u, n_y, _ = self._sizes
+        u0, y0 = plant.rest or (np.zeros(n_u), np.zeros(n_y))
+        base = np.concatenate([np.zeros(n_x), u0, y0])
+        made = [self._rows_at(base + step) for step in (0.0 * base, *np.eye(len(base)))]
+        # All but the limits of the inputs is affine: the rows at one point and a unit beyond it say all.
+        offset = made[0][1]
+        slopes = np.array([each - offset for _, each in made[1:]]).T
+        return Condensed(base, made[0][0], offset, slopes, *self._bounds(len(offset)), *self._problem[2][2:])
+
+    def _linear(self) -> LinearPlant:
+        """Return the model, if it is linear and the same at every step."""
+        if not isinstance(self.plant, LinearPlant) or self.plant.disturbances:
+            what = "has measured disturbances" if isinstance(self.plant, LinearPlant) else "is not linear"
+            raise SettingsError(
+                f"the model of this MPC {what}: only one with a linear plant without them has the same QP at "
+                "every step, and can be kept as data or written as code"
+            )
+        return self.plant
+
+    def _rows_at(
+        self, p: Float[np.ndarray, " n"]
+    ) -> tuple[Float[np.ndarray, "m n_z"], Float[np.ndarray, " m"]]:
+        """Return G, and what each row is without deviations, where p is x, u and y_ref."""
+        n_x, n_u, _, _ = self._sizes
+        x, u, y_ref = np.split(p, [n_x, n_x + n_u])
+        m = Measurement(t=0.0, x=x, u=u, d=np.zeros(0), y_ref=y_ref)
+        how, _, _, U, G, _, high = kernels.decide(*self._data(m), *self._problem, self._solver)
+        self._equations.check()
+        if how == kernels.NOT_TRUSTED:
+            raise SettingsError("the soft limits of this MPC cannot be trusted: its model grows too fast")
+        free = U[:, :, -1]
+        of_inputs = np.concatenate([free.ravel(), np.diff(free, axis=0).ravel()])
+        soft = np.append(-high[len(of_inputs) : -1], 0.0) if len(high) > len(of_inputs) else np.zeros(0)
+        return G, np.concatenate([of_inputs, soft])
+
+    def _bounds(self, rows: int) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
+        """Return the limits of the rows of inputs, moves and outputs, and of the slack."""
+        u_min, u_max, du_min, du_max = self._problem[2]
+        N_u = self.settings.N_u
+        low = np.concatenate([np.tile(u_min, N_u), np.tile(du_min, N_u - 1)])
+        high = np.concatenate([np.tile(u_max, N_u), np.tile(du_max, N_u - 1)])
+        soft = rows - len(low)
+        if soft:
+            low = np.concatenate([low, np.full(soft - 1, -np.inf), [0.0]])
+            high = np.concatenate([high, np.zeros(soft - 1), [np.inf]])
+        return low, high
+
+    def as_data(self) -> dict[str, Any]:
+        """Return model and settings as JSON-able data; None for infinite limits.
+
+        Raises:
+            SettingsError: If the model is not linear or has measured disturbances.
+        """
+        plant = self._linear()
+        s, names = plant.system, ("u_min", "u_max", "du_min", "du_max")
+        settings = self.settings.named() | dict(zip(names, self._problem[2], strict=True))
+        for name in (*names, "y_min", "y_max"):
+            if settings[name] is not None:
+                settings[name] = [float(v) if np.isfinite(v) else None for v in settings[name]]
+        rest = None if plant.rest is None else [part.tolist() for part in plant.rest]
+        model = {name: getattr(s, name).tolist() for name in ("A", "B", "C", "D")}
+        return {"model": model | {"dt": s.dt, "rest": rest}, "settings": settings}
+
+    @classmethod
+    def of_data(cls, data: Mapping[str, Any]) -> Self:
+        """Return the MPC that `as_data` describes. Raises SettingsError or KeyError for other data."""
+        model, settings = data["model"], dict(data["settings"])
+        D = np.array(model["D"], dtype=float)
+        # Lists without rows have no columns.
+        n_x, (n_y, n_u) = len(model["A"]), D.shape
+        shapes = {"A": (n_x, n_x), "B": (n_x, n_u), "C": (n_y, n_x)}
+        A, B, C = (np.reshape(np.array(model[name], dtype=float), shape) for name, shape in shapes.items())
+        for name, sign in (("min", -np.inf), ("max", np.inf)):
+            for what in (f"u_{name}", f"du_{name}", f"y_{name}"):
+                if settings.get(what) is not None:
+                    settings[what] = [sign if v is None else v for v in settings[what]]
+        settings["tolerances"] = Tolerances(**settings["tolerances"])
+        plant = LinearPlant((A, B, C, D, model["dt"]) if model["dt"] else (A, B, C, D), rest=model["rest"])
+        return cls(plant, MPCSettings(**settings))
 
     def _check(self, m: Measurement) -> None:
         """Raise PlantError if something has a wrong shape."""

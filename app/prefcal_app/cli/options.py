@@ -447,8 +447,8 @@ class ExportOptions:
 
     Args:
         best: The best.json of a report.
-        to: st: IEC 61131-3 structured text of a PID; c: C99 of a PID, LQR or LQG; forms: the numbers of a
-            PID in ISA, parallel and series form.
+        to: st: IEC 61131-3 structured text of a PID; c: C99 of a PID, LQR, LQG or linear MPC; forms: the
+            numbers of a PID in ISA, parallel and series form.
         name: Name of the function block, or of the C function.
         out: File to write.
         time: Unit of the times in the forms: s, min or h.

@@ -123,7 +123,7 @@ def _before(record: StudyRecord) -> dict[str, Any]:
 def load_controller(path: str | Path, *, check: bool = True) -> Controller:
     """Rebuild the controller that `best.json` at `path` describes.
 
-    If its settings describe a PID, LQR or LQG completely, nothing but the file is read. Otherwise
+    If its settings describe a PID, LQR, LQG or linear MPC completely, nothing but the file is read. Otherwise
     the scenario is loaded; a user's own one is a Python file, which is executed.
 
     Args:
@@ -177,6 +177,9 @@ def export_controller(
         StaleError: If it is not the best of its study any more.
     """
     content, digest = _read(Path(path))
+    theta = content["theta"]
+    if not (isinstance(theta, dict) and all(is_number(v) for v in theta.values() if v is not None)):
+        raise ScenarioError(f"theta in {str(path)!r} must be a table of numbers, got {theta!r:.200}")
     refuse_outdated(Path(path), content)
     channels, described = _channels_of(content), _described(content, path)
     if to == FORMS:
@@ -189,11 +192,31 @@ def export_controller(
         raise SettingsError(f"units of time and ranges are for {FORMS!r} only: code has those of the plant")
     if described is None:
         raise ScenarioError(
-            f"the settings in {str(path)!r} describe no PID, LQR or LQG, and export executes no scenario to "
-            "make one. If it is one, write it in Python, with prefcal_env.controllers.as_code and "
-            "load_controller, which does. An MPC cannot be written"
+            f"the settings in {str(path)!r} describe no PID, LQR, LQG or LinearMPC, and export executes "
+            "no scenario to make one. If it is one, write it in Python, with "
+            "prefcal_env.controllers.as_code and load_controller, which does"
         )
+    _check_channels(as_data(described), channels, path)
     return as_code(described, to, channels, name=name or "tuned", about=_about(content, channels, digest))
+
+
+def _check_channels(settings: Mapping[str, Any], channels: Channels, path: str | Path) -> None:
+    """Refuse a controller of more signals than the channels that a best.json names, if it names any."""
+    model = (settings.get("lqr") or settings).get("model")
+    if model is None:
+        pids = settings.get("pids", [settings])
+        needed = {"u": max(pid["input"] for pid in pids) + 1, "y": max(pid["output"] for pid in pids) + 1}
+    else:
+        needed = {"u": len(model["D"][0]), "y": len(model["D"])}
+        if channels.x:  # some loops name no states
+            needed["x"] = len(model["A"])
+    for key, count in needed.items():
+        named_there = len(getattr(channels, key))
+        if any((channels.x, channels.u, channels.y)) and named_there < count:
+            raise ScenarioError(
+                f'"channels" in {str(path)!r} must name at least {count} of {key!r}, which the controller '
+                f"has, got {named_there}"
+            )
 
 
 def _about(content: Mapping[str, Any], channels: Channels, digest: str) -> str:
@@ -220,12 +243,26 @@ def _channels_of(content: Mapping[str, Any]) -> Channels:
     """Return the channels of a best.json; those of an earlier version say none."""
     said = content.get("channels", {})
     try:
-        x, u, y = (tuple(Channel(*each) for each in said.get(key, ())) for key in ("x", "u", "y"))
+        x, u, y = (
+            tuple(_channel(*_list(each)) for each in _list(said.get(key, []))) for key in ("x", "u", "y")
+        )
         return Channels(x, u, y, str(said.get("time_unit", "")))
     except (AttributeError, TypeError, ValueError) as error:
         raise ScenarioError(
-            f'"channels" of a best.json must name channels with units, got {said!r}'
+            f'"channels" of a best.json must name channels with units, got {said!r:.200}'
         ) from error
+
+
+def _channel(name: Any, unit: Any) -> Channel:
+    if not (isinstance(name, str) and isinstance(unit, str)):
+        raise TypeError("a channel has a name and a unit")
+    return Channel(name, unit)
+
+
+def _list(value: Any) -> list[Any]:
+    if not isinstance(value, list):
+        raise TypeError("a list, not a text of as many letters")
+    return value
 
 
 def _as_text(parameters: Sequence[PIDParameter]) -> str:
@@ -344,7 +381,9 @@ def _read(path: Path) -> tuple[dict[str, Any], str]:
     if missing:
         raise ScenarioError(f"{str(path)!r} is not a best.json: it lacks {sorted(missing)}")
     if content["format"] != FORMAT:
-        raise ScenarioError(f"{str(path)!r} has format {content['format']}, this prefcal reads {FORMAT}")
+        raise ScenarioError(
+            f"{str(path)!r} has format {content['format']!r:.80}, this prefcal reads {FORMAT}"
+        )
     for name, kind in _KINDS.items():
         if not isinstance(content.get(name, kind()), kind):
             what = "text" if kind is str else "a table"

@@ -9,7 +9,16 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[3]
-FEW = {"options": 20, "files": 2, "records": 16, "tables": 20, "requests": 40, "taste": 30}
+FEW = {
+    "options": 20,
+    "files": 2,
+    "records": 16,
+    "tables": 20,
+    "requests": 40,
+    "taste": 30,
+    "exports": 60,
+    "steps": 20,
+}
 """Number of inputs of each door; the others start many processes, or make a study first."""
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from prefcal_env.arrays import is_number
 from prefcal_env.controllers.margins import MarginKPIs, margin_kpis
-from prefcal_env.controllers.stored import KINDS, from_data
+from prefcal_env.controllers.stored import from_data, kind_of
 from prefcal_env.envs.closed_loop import ClosedLoop
 from prefcal_env.errors import KnobError, PlantError, ScenarioError
 from prefcal_env.experiments.experiment import Channel, Channels, Controller
@@ -197,7 +197,7 @@ def controller_of(settings: Mapping[str, Any]) -> Controller | None:
     kind = settings.get("controller")
     for word in (word for word, controller in CONTROLLERS.items() if controller == kind):
         _maker(word)  # its module says how the data are read
-    return from_data(settings) if kind in KINDS else None
+    return None if kind_of(kind) is None else from_data(settings)
 
 
 def _maker(word: str) -> Callable[..., Scenario]:

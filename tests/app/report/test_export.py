@@ -17,11 +17,11 @@ from prefcal_app.report.export import (
     model,
     tuning_of,
 )
-from prefcal_env import LQR, PID, Plant
+from prefcal_env import LQR, PID, LinearMPC, MPCSettings, Plant
 from prefcal_env.controllers import as_code, as_data
 from prefcal_env.disk import digest_of
 from prefcal_env.errors import ScenarioError, SettingsError
-from prefcal_env.experiments.experiment import Channel, Channels
+from prefcal_env.experiments.experiment import Channel, Channels, Measurement
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.names import CLOSED_LOOPS
 from toy_study import TOY_FILE, toy_record
@@ -309,6 +309,42 @@ def test_what_settings_leave_out_is_as_in_a_new_pid(heater, to):
     assert export_controller(changed(heater, settings=settings), to).split("\n", 1)[1] == whole
 
 
-def test_channels_that_are_none_are_refused(heater):
+@pytest.mark.parametrize("y", [[3], "ab", [{"T": 1, "K": 2}], None, [["T"]], [["T", 3]]])
+def test_channels_that_are_none_are_refused(heater, y):
     with pytest.raises(ScenarioError, match="must name channels"):
-        export_controller(changed(heater, channels={"y": [3]}), "st")
+        export_controller(changed(heater, channels=CHANNELS | {"y": y}), "st")
+
+
+@pytest.mark.parametrize("key", ["u", "y"])
+def test_fewer_channels_than_the_controller_has_are_refused(heater, key):
+    with pytest.raises(ScenarioError, match=f"must name at least 1 of '{key}'.*got 0"):
+        export_controller(changed(heater, channels=CHANNELS | {key: []}), "st")
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"theta": 3}, "theta in .* must be a table of numbers, got 3"),
+        ({"theta": [2.0, 1.0]}, "must be a table of numbers"),
+        ({"theta": {"K_p": "high"}}, "must be a table of numbers, got .*'high'"),
+        ({"settings": as_data(HEATER) | {"K_p": 10**400}}, "data of a PID do not fit"),
+        ({"settings": as_data(HEATER) | {"low": True}}, "must be numbers, got true or false"),
+        ({"settings": {"controller": "LQR"}}, "data of a LQR do not fit: 'model' is missing"),
+        ({"settings": {"controller": ["PID"]}}, "describe no PID"),
+    ],
+)
+def test_a_best_json_with_something_else_in_it_is_refused(heater, changes, words):
+    with pytest.raises(ScenarioError, match=words):
+        export_controller(changed(heater, **changes), "c")
+
+
+def test_an_mpc_of_a_linear_plant_is_exported_and_loaded_from_best_json_alone(heater):
+    mpc = LinearMPC(Plant.of(([1.0], [9.0, 1.0])), MPCSettings(1.0, 9, 2, [[1.0]], [[0.1]], u_max=[4.0]))
+    changed(heater, settings=as_data(mpc), channels=CHANNELS | {"x": [["x1", ""]]})
+    text = export_controller(heater, "c", name="heater")
+    assert "MPC, to be called once in every sampling time of 1 s" in text
+    assert "static inline int heater(" in text
+    m = Measurement(t=0.0, x=np.ones(1), u=np.zeros(1), d=np.zeros(0), y_ref=np.full(1, 3.0))
+    assert load_controller(heater).move(m).u == mpc.move(m).u
+    with pytest.raises(SettingsError, match="in C only"):
+        export_controller(heater, "st")

@@ -1,6 +1,7 @@
 """Controllers in other forms and languages: the same numbers, and the same moves sample by sample."""
 
 import ctypes
+import json
 import re
 import shutil
 import subprocess
@@ -15,11 +16,12 @@ from hypothesis import given as drawn
 from hypothesis import settings
 from hypothesis import strategies as st
 
-from prefcal_env import LQG, LQR, PID, Channel, Plant
-from prefcal_env.controllers import Decentralized, Linearized, as_code
+from prefcal_env import LQG, LQR, PID, Channel, FunctionPlant, LinearMPC, MPCSettings, Plant
+from prefcal_env.controllers import Decentralized, Linearized, as_code, as_data, from_data
 from prefcal_env.controllers.written import ALL, BOTH, ISA, PARALLEL, PERCENT, SERIES, pid_forms
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Channels, Measurement
+from prefcal_env.qp import Tolerances
 
 Step = Callable[[bool, float, float, float, float], float]
 """One sample of a program: automatic, input by hand, set point, measured output, what acted; to the input."""
@@ -73,7 +75,10 @@ def compiled(folder: Path, controllers: Sequence[Any]) -> list[Any]:
         (folder / f"f{i}.h").write_text(as_code(controller, "c", NAMED, name=f"f{i}"))
         how = "double g{0}(f{0}_state *m, int a, double h, double r, double y, double u) "
         how += "{{ return f{0}(m, a, h, r, y, u); }}"
-        if not isinstance(controller, PID):
+        if isinstance(controller, LinearMPC):
+            how = "int g{0}(f{0}_state *m, int a, const double *h, const double *r, const double *x, "
+            how += "const double *b, double *u) {{ return f{0}(m, a, h, r, x, b, u); }}"
+        elif not isinstance(controller, PID):
             more, names = ("", "") if len(_vectors(controller)) < 3 else (", const double *b", ", b")
             how = f"void g{{0}}(f{{0}}_state *m, const double *r, const double *a{more}, double *u) "
             how += f"{{{{ f{{0}}(m, r, a{names}, u); }}}}"
@@ -91,6 +96,7 @@ def compiled(folder: Path, controllers: Sequence[Any]) -> list[Any]:
         "all.c",
         "-o",
         "all.so",
+        "-lm",
     ]
     subprocess.run(command, check=True, cwd=folder)
     library = ctypes.CDLL(str(folder / "all.so"))
@@ -324,6 +330,123 @@ def test_c_moves_as_lqr_and_lqg_do(tmp_path: Path, integral: bool, filtered: boo
     assert at_a_limit > 100
 
 
+# --- The MPC of a linear plant.
+
+
+def random_mpc(rng: np.random.Generator, **changes: Any) -> LinearMPC:
+    """Return an MPC of a random plant, often unstable, with limits of inputs, of moves or of outputs."""
+    n_x, n_u, n_y = (int(n) for n in rng.integers(1, 4, 3))
+    A = rng.normal(0, 0.6, (n_x, n_x)) - 0.4 * np.eye(n_x)
+    D = rng.normal(0, 0.2, (n_y, n_u)) * (rng.random() < 0.3)
+    rest = (rng.normal(0, 30, n_u), rng.normal(0, 30, n_y)) if rng.random() < 0.5 else None
+    u0, y0 = rest or (np.zeros(n_u), np.zeros(n_y))
+    N_p, given = int(rng.integers(2, 12)), dict[str, Any]()
+    if rng.random() < 0.7:
+        given |= {"du_min": -rng.uniform(0.05, 0.5, n_u), "du_max": rng.uniform(0.05, 0.5, n_u)}
+    if rng.random() < 0.4:
+        given |= {"y_min": np.where(rng.random(n_y) < 0.5, -np.inf, y0 - 0.5), "y_max": y0 + 0.7}
+    if rng.random() < 0.3:
+        given |= {"Q_u": 0.1 * np.eye(n_u), "u_ref": u0}
+    plant = Plant.of(
+        (A, rng.normal(0, 1, (n_x, n_u)), rng.normal(0, 1, (n_y, n_x)), D),
+        inputs=[Channel(f"u{i}", low=u0[i] - 1, high=u0[i] + 0.8) for i in range(n_u)],
+        rest=rest,
+    )
+    weights = {"Q_y": np.diag(rng.uniform(0.1, 3, n_y)), "Q_du": np.diag(rng.uniform(0.01, 1, n_u))}
+    N_u = int(rng.integers(1, min(N_p, 4) + 1))
+    return LinearMPC(
+        plant, MPCSettings(float(rng.uniform(0.1, 0.8)), N_p, N_u, **weights, **given, **changes)
+    )
+
+
+def mpc_step(function: Any) -> Callable[..., tuple[np.ndarray, int]]:
+    """Return one step of an MPC in C: the inputs, and what it returns."""
+    memory = ctypes.create_string_buffer(100_000)
+
+    def step(automatic: bool, *vectors: np.ndarray) -> tuple[np.ndarray, int]:
+        hand, r, x, acted = (np.ascontiguousarray(each, dtype=float) for each in vectors)
+        u = np.empty(len(acted))
+        pointers = (ctypes.c_void_p(each.ctypes.data) for each in (hand, r, x, acted, u))
+        return u, function(memory, int(automatic), *pointers)
+
+    return step
+
+
+def predictive_loop(mpc: LinearMPC, step: Any, seed: int, samples: int) -> tuple[float, int, int]:
+    """Return the largest difference between both in one loop, the moves at a limit, and those by hand."""
+    rng, plant, none = np.random.default_rng(seed), mpc.plant, np.zeros(0)
+    u0, y0 = plant.rest or (np.zeros(len(plant.inputs)), np.zeros(len(plant.outputs)))
+    low, high = (np.array([getattr(c, end) for c in plant.inputs]) for end in ("low", "high"))
+    x, u, r, worst, limited, by_hand = np.zeros(len(plant.states)), u0, y0, 0.0, 0, 0
+    for k in range(samples):
+        r = y0 + rng.normal(0, 1.5, len(y0)) if k % 10 == 1 else r
+        x = x + rng.normal(0, 0.05, len(x)) if np.abs(x).max() < 20 else rng.normal(0, 1, len(x))
+        hand, automatic = u0 + rng.normal(0, 1, len(u)), k % 25 < 20
+        made, how = step(automatic, hand, r, x, u)
+        if automatic:
+            move = mpc.move(Measurement(t=0.0, x=x, u=u, d=none, y_ref=r))
+            assert move.solved == (how == 0)
+            limited += int(how == 0 and bool(np.any((made <= low) | (made >= high))))
+            expected = move.u
+        else:
+            expected, by_hand = np.clip(hand, low, high), by_hand + 1
+        worst = max(worst, float(np.abs(made - expected).max()))
+        # What acts may lie beyond the limits, as after a change of them.
+        u = made + rng.normal(0, 0.4, len(u)) * (rng.random() < 0.1)
+        x = plant.hold(x, u, none, np.array([mpc.T_s]))[0]
+    return worst, limited, by_hand
+
+
+@pytest.mark.parametrize("loops", [60, pytest.param(1000, marks=pytest.mark.campaign)])
+def test_c_moves_as_the_mpc_does(tmp_path: Path, loops: int) -> None:
+    mpcs = [random_mpc(np.random.default_rng([7, seed])) for seed in range(loops)]
+    found = [
+        predictive_loop(mpc, mpc_step(function), seed, 50)
+        for seed, (mpc, function) in enumerate(zip(mpcs, compiled(tmp_path, mpcs), strict=True))
+    ]
+    worst, limited, by_hand = np.array(found).T
+    print(f"largest difference {worst.max():.1e}, {limited.sum():.0f} moves at a limit")
+    assert worst.max() <= 1e-9
+    assert limited.sum() > 5 * loops
+    assert by_hand.sum() == 10 * loops
+
+
+def test_an_mpc_in_c_that_decides_nothing_holds_the_input_and_says_why(tmp_path: Path) -> None:
+    lag = Plant.of(([1.0], [2.0, 1.0]), inputs=Channel("u", low=-1, high=1))
+    short = MPCSettings(0.2, 10, 3, [[1.0]], [[1e-3]], tolerances=Tolerances(max_iterations=1))
+    step = mpc_step(compiled(tmp_path, [LinearMPC(lag, short)])[0])
+    zero, far, held = np.zeros(1), np.full(1, 1e3), np.full(1, 0.3)
+    assert step(True, zero, far, zero, held) == (held, 2)  # three inputs reach their limits
+    assert step(True, zero, np.full(1, np.nan), zero, held) == (held, 3)
+    assert step(True, zero, zero, np.full(1, np.inf), held) == (held, 3)
+    assert step(False, far, zero, np.full(1, np.nan), held) == (1.0, 0)
+    assert step(True, far, zero, zero, zero)[1] == 0
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_an_mpc_of_a_linear_plant_is_made_again_from_its_data(seed: int) -> None:
+    mpc = random_mpc(np.random.default_rng([7, seed]))
+    data = json.loads(json.dumps(as_data(mpc), allow_nan=False))
+    text = as_code(from_data(data), "c", NAMED)
+    assert text == as_code(mpc, "c", NAMED)
+
+
+def test_an_mpc_of_another_plant_says_why_it_has_neither_code_nor_data() -> None:
+    tank = FunctionPlant(lambda x, u, d: u - x**2, states=[Channel("x")], inputs=[Channel("u")])
+    disturbed = Plant.of(([[-1.0]], [[1.0, 1.0]], [[1.0]], [[0.0, 0.0]]), disturbances=["d"])
+    far = Plant.of(([[9.0]], [[1.0]], [[1.0]], [[0.0]]))
+    one = MPCSettings(0.5, 10, 2, [[1.0]], [[1.0]])
+    for plant, given, words in (
+        (tank, one, "not linear"),
+        (disturbed, one, "measured disturbances"),
+        (far, replace(one, y_max=[1.0]), "grows too fast"),
+    ):
+        with pytest.raises(SettingsError, match=words):
+            as_code(LinearMPC(plant, given), "c", NAMED)
+    with pytest.raises(SettingsError, match="not linear"):
+        as_data(LinearMPC(tank, one))
+
+
 # --- What cannot be written.
 
 
@@ -331,6 +454,8 @@ DECLARED = """
     auto hand sp pv acted u gain weight_p weight_d per_sample tracking pole rise u_low u_high running last_sp
     last_pv i_part d_part wanted before m automatic integral derivative low high nx nu ny ni k k_i u0 x0 y0 a
     b c d l f dx cut back finite sum step out time x y r v e i j
+    np n z mu p row over under excess largest violation sign push partial full length norm slopes base offset
+    most_up most_down turns back absolute relative
 """
 """Names within the programs."""
 OTHERS = (
@@ -366,7 +491,7 @@ def test_what_has_no_such_form_says_why() -> None:
         as_code(lqr, "ld", NAMED)
     with pytest.raises(SettingsError, match="in C only"):
         as_code(lqr, "st", NAMED)
-    with pytest.raises(SettingsError, match=r"type Other cannot be written as code.*MPC"):
+    with pytest.raises(SettingsError, match=r"type Other cannot be written as code.*LinearMPC"):
         as_code(Other(), "c", NAMED)
 
 
