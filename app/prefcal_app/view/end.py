@@ -52,11 +52,11 @@ from .question import Seen, question_view, theta_texts, theta_view
 _SPAN = 100.0  # ratio of the largest to the smallest value from which an axis is logarithmic: two decades
 
 
-def screening_view(interview: Interview, now: Now, *, blind: bool) -> dict[str, Any] | None:
-    """Return why the open question is asked and an offer to stop; None for other agents.
+def screening_view(interview: Interview, now: Now, sentence: str, *, blind: bool) -> dict[str, Any] | None:
+    """Return why the open question is asked, and an offer to stop; None for other agents.
 
-    With `blind`, the reason is not sent: it tells which side is new. While the best experiment
-    misses an objective, stopping is not offered.
+    `sentence` is that of `why_view`. With `blind`, it is not sent: it tells which side is new. While
+    the best experiment misses an objective, stopping is not offered.
     """
     if not interview.known.screens:
         return None
@@ -64,7 +64,7 @@ def screening_view(interview: Interview, now: Now, *, blind: bool) -> dict[str, 
     asks = now.question is not None and now.question.repeats is None and not missed
     # That the answer hardly changes the result; empty if it may, or while not known.
     stakes = found.stakes if found is not None and found.explained else None
-    told = (why_view(interview, now), "" if stakes is None else at_stake(stakes))
+    told = (sentence, "" if stakes is None else at_stake(stakes))
     return {
         "why": "" if blind else " ".join(filter(None, told)),
         "offer": offer(found) if asks and found is not None else "",
@@ -110,42 +110,28 @@ def menu_view(interview: Interview) -> list[dict[str, Any]]:
     ]
 
 
-def why_view(interview: Interview, now: Now) -> str:
-    """Return why the open question is asked, in one sentence; empty while there is no reason."""
+def why_view(interview: Interview, now: Now) -> tuple[str, Sequence[str]]:
+    """Return why the open question is asked, in one sentence, and the titles of the KPIs that it names.
+
+    The sentence is empty while there is no reason.
+    """
     question, found = now.question, interview.known.findings
     if question is None or question.repeats is not None or not interview.known.screens:
-        return ""
+        return "", ()
     if question.further:
-        return "You have seen both before: your answer settles which of the two is better."
+        return "You have seen both before: your answer settles which of the two is better.", ()
     new = question.challenger
     side = "Left" if new is question.left else "Right"
     requested = new.index in now.state.requested
     if found is None or found.reason is None:
-        return f"{side} is shown because you asked for it." if requested else ""
-    scenario = interview.scenario
+        return (f"{side} is shown because you asked for it." if requested else ""), ()
+    scenario, history = interview.scenario, now.state.history
     reason, missed = _shown_reason(found.reason, question, scenario)
-    told = why(
-        reason,
-        scenario,
-        side=side,
-        requested=requested,
-        learned=found.chance_of_better is not None,
-        missed=missed,
-    )
-    history = now.state.history
-    slip = history.incumbent != history.by_answers
-    return f"{told} {after_a_slip(history, robust=is_robust(now.state))}" if slip else told
-
-
-def why_titles(interview: Interview, now: Now) -> list[str]:
-    """Return the titles of the KPIs that `why_view` names, in its order: the sides show these first."""
-    question, found = now.question, interview.known.findings
-    if question is None or question.repeats is not None or question.further:
-        return []
-    if not interview.known.screens or found is None or found.reason is None:
-        return []
-    reason, missed = _shown_reason(found.reason, question, interview.scenario)
-    return list(dict.fromkeys([*named_titles(reason, interview.scenario), *missed]))
+    learned = found.chance_of_better is not None
+    told = why(reason, scenario, side=side, requested=requested, learned=learned, missed=missed)
+    if history.incumbent != history.by_answers:
+        told = f"{told} {after_a_slip(history, robust=is_robust(now.state))}"
+    return told, list(dict.fromkeys([*named_titles(reason, scenario), *missed]))
 
 
 def _shown_reason(reason: Reason, asked: Question, scenario: Scenario) -> tuple[Reason, list[str]]:

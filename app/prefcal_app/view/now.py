@@ -20,7 +20,7 @@ from prefcal_env.workers import in_time
 from prefcal_scenarios.scenario import Scenario
 from prefcal_scenarios.wording import INTERRUPTED, knob_number, marks_text, with_unit
 
-from .end import outlook_view, over_view, screening_view, why_titles
+from .end import outlook_view, over_view, screening_view, why_view
 from .question import Seen, knob_view, numbers_view, plant_view, question_view, theta_texts, theta_view
 
 # --- List every question and answer.
@@ -112,7 +112,7 @@ def now_view(
     now, scenario, seen = interview.now(), interview.scenario, Seen() if seen is None else seen
     question, over = now.question, now.phase is Phase.OVER
     time_unit = "" if question is None else question.left.experiment.channels.time_unit
-    named = () if blind else why_titles(interview, now)  # else it would tell which side is new
+    sentence, named = ("", ()) if blind else why_view(interview, now)  # it tells which side is new
     return {
         "version": now.version,
         "phase": now.phase.value,
@@ -132,7 +132,7 @@ def now_view(
         "live": plant_view(scenario, now.plant),
         "pending": _pending(interview, now, blind=blind),
         "good_enough": _good_enough(now, blind=blind),
-        "screening": screening_view(interview, now, blind=blind),
+        "screening": screening_view(interview, now, sentence, blind=blind),
         "over": over_view(interview, now, best_view(interview, now), command, report, seen) if over else None,
     }
 

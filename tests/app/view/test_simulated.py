@@ -36,7 +36,7 @@ def test_nothing_of_it_appears_for_other_agents():
     interview = begin(toy)
     now = proceed(interview)
     assert told(interview) is now_view(interview)["simulated"] is map_view(interview) is None
-    assert why_view(interview, now) == ""
+    assert why_view(interview, now) == ("", ())
 
 
 def test_the_reason_names_the_side_of_the_new_one_and_blind_hides_it(says):
@@ -57,7 +57,7 @@ def test_a_follow_up_is_about_two_that_were_seen(says):
     interview = explained(screening())
     now = interview.now()
     further = replace(now, question=replace(now.question, further=True))
-    assert why_view(interview, further) == (
+    assert why_view(interview, further)[0] == (
         "You have seen both before: your answer settles which of the two is better."
     )
 
