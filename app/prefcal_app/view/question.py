@@ -489,7 +489,8 @@ def pair_view(
     first["left"] |= numbers_view(left, kpis)
     first["right"] |= numbers_view(right, kpis)
     rows = compare(left, right, kpis, seen.spread)
-    heads = {"headline": headline(rows, named), "heads": max(_HEADS, len(named))}
+    shown = {each["title"] for each in rows}.intersection(named)
+    heads = {"headline": headline(rows, named), "heads": max(_HEADS, len(shown))}
     return {"comparison": rows, **heads, **first, "others": others}
 
 

@@ -1,5 +1,6 @@
 """The head of each side shows the KPIs that the sentence above the question names."""
 
+import re
 from functools import partial
 
 import pytest
@@ -7,7 +8,7 @@ import pytest
 from prefcal_agents.screening.agent import Screening
 from prefcal_app.session import Choice, Phase, actions
 from prefcal_app.view import now_view
-from prefcal_app.view.question import headline
+from prefcal_app.view.question import headline, question_view
 from prefcal_scenarios.catalog import load
 from support.interviews import begin, proceed
 
@@ -30,7 +31,7 @@ def test_no_sentence_names_a_kpi_that_the_heads_do_not_show(name):
     while proceed(interview).phase is Phase.QUESTION:
         view = now_view(interview)
         question, sentence = view["question"], view["screening"]["why"]
-        words = sentence.partition(" (chance")[0]
+        words = re.sub(r" \(chance[^)]*\)", "", sentence)
         # The longest title that fits is the one that is meant: "settling time" is part of others.
         named = {title for title in titles if title in words}
         named = {title for title in named if not any(title in other for other in named - {title})}
@@ -41,7 +42,19 @@ def test_no_sentence_names_a_kpi_that_the_heads_do_not_show(name):
 
 
 def test_blind_the_heads_do_not_tell_which_side_is_new():
-    interview = begin(load("cstr"), n_max=3, agent=partial(Screening, n_simulated=60))
-    proceed(interview)
-    question = now_view(interview, blind=True)["question"]
-    assert question["headline"] == headline(question["comparison"])
+    interview = begin(load("servo"), n_max=5, agent=partial(Screening, n_simulated=60))
+    told = 0
+    while proceed(interview).phase is Phase.QUESTION:
+        seen, blind = (now_view(interview, blind=blind)["question"] for blind in (False, True))
+        assert blind["headline"] == headline(blind["comparison"])
+        assert blind["heads"] == 3
+        told += seen["headline"] != blind["headline"] or seen["heads"] != 3
+        interview.do(actions.Answer(blind["id"], Choice.LEFT))
+    assert told
+
+
+def test_a_name_without_a_row_takes_no_place_in_the_heads():
+    interview = begin(load("servo"), n_max=3, agent=partial(Screening, n_simulated=60))
+    question = proceed(interview).question
+    view = question_view(question, interview.scenario, blind=False, named=["not", "one", "of", "them"])
+    assert view["heads"] == 3

@@ -39,6 +39,11 @@ export class Maneuvers {
     this.#choose(Math.max(this.#parts.findIndex((part) => part.maneuver === name), 0));
   }
 
+  // The sentence above came later than the question, and its KPIs come first.
+  head(headline, heads) {
+    this.#parts = this.#parts.map((part) => ({ ...part, headline, heads }));
+  }
+
   choose(k) {
     if (k === this.#chosen || !this.#parts[k]) return;
     this.#jumped = -1;

@@ -13,7 +13,7 @@ const cursor = new Cursor(plots);
 let overlaid = false;
 let maneuvers = null;
 let unit = "";
-let headed = ""; // titles of the KPIs in the heads of both sides
+let headed = ""; // how many KPIs the heads of both sides show, and titles in their order
 
 export function start() {
   $("view-question").append(
@@ -49,12 +49,14 @@ export function start() {
 export function show(now, same) {
   const { question } = now;
   const { headline: titles, heads } = question;
-  const stays = same && titles.join() === headed; // the sentence may come later, and the heads follow it
-  headed = titles.join();
+  const before = headed;
+  headed = [heads, ...titles].join();
+  const stays = same && headed === before; // the sentence may come later, and the heads follow it
+  if (same && !stays) maneuvers.head(titles, heads);
   for (const side of ["left", "right"]) {
     if (stays) marks(side, question[side]);
     else describe(side, question);
-    if (same && !stays) told(side, { ...maneuvers.part, headline: titles, heads });
+    if (same && !stays) told(side, maneuvers.part);
   }
   if (same) return;
   table.take(question);

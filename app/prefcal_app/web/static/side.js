@@ -59,13 +59,14 @@ function which(side, maneuvers) {
 function numbers(name, question) {
   const side = question[name], shown = summary(side, question);
   const all = button(`all ${side.kpis.length}`, toggle, { class: "link" });
+  $(`${name}-numbers`).style.setProperty("--lines", Math.max(question.heads + 1, 5)); // a long title takes two
   fill($(`${name}-numbers`), el("dl", { class: "kpis" }, shown), side.kpis.length > question.heads ? all : null);
 }
 
 // Return the KPIs in the head of a side, in the order that both sides have: what the sentence names,
 // then what tells them apart.
 export const headline = (kpis, { headline: order, heads }) =>
-  order.flatMap((title) => kpis.filter((kpi) => kpi.title === title)).slice(0, heads);
+  order.slice(0, heads).flatMap((title) => kpis.filter((kpi) => kpi.title === title));
 
 export function item(kpi) {
   const told = [kpi.about, kpi.objective ? `objective: ${kpi.objective}` : ""].filter(Boolean).join(" · ");
