@@ -16,7 +16,8 @@ from jaxtyping import Float
 
 from prefcal_env.arrays import is_number
 from prefcal_env.controllers import as_data
-from prefcal_env.controllers.written import ANTI_WINDUP, EQUATIONS, FILTERED, PIDParameter, as_code, pid_forms
+from prefcal_env.controllers.forms import ANTI_WINDUP, EQUATIONS, FILTERED, PIDParameter, pid_forms
+from prefcal_env.controllers.written import as_code
 from prefcal_env.disk import digest_of
 from prefcal_env.errors import ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import Channel, Channels, Controller, End
