@@ -60,7 +60,7 @@ def as_code(
     """
     if language not in LANGUAGES:
         raise SettingsError(f"a controller can be written in {sorted(LANGUAGES)}, got {language!r}")
-    _check_name(name)
+    _check_name(name, controller)
     if isinstance(controller, PID):
         return _pid(controller, language, channels, name, about)
     if isinstance(controller, Decentralized):
@@ -96,10 +96,12 @@ _WORDS = (
     "signed sizeof static static_assert static_cast struct switch template this thread_local throw true "
     "try typedef typeid typename typeof union unsigned using virtual void volatile wchar_t while xor xor_eq "
     # its functions, which compilers know without a header
-    "abort abs acos acosh asin asinh atan atan2 atanh calloc cbrt ceil cos cosh erf erfc exit exp exp2 expm1 "
-    "fabs fdim floor fma fmax fmin fmod free frexp gamma hypot isalpha isdigit isinf isnan j0 j1 jn labs "
-    "ldexp lgamma log log10 log1p log2 logb lround malloc memcpy memset modf nan pow printf putchar puts "
-    "realloc remainder rint round scalb sin sinh sqrt strlen tan tanh tgamma trunc y1 yn "
+    "abort abs acos acosh asin asinh atan atan2 atanh calloc cbrt ceil copysign cos cosh erf erfc exit exp "
+    "exp2 expm1 fabs fdim floor fma fmax fmin fmod fpclassify free frexp gamma hypot ilogb isalpha isdigit "
+    "isfinite isinf isnan isnormal j0 j1 jn labs ldexp lgamma llrint llround log log10 log1p log2 logb "
+    "lrint lround malloc memcpy memset modf nan nearbyint nextafter nexttoward pow printf putchar puts "
+    "realloc remainder remquo rint round scalb scalbln scalbn signbit sin sinh sqrt strlen tan tanh tgamma "
+    "trunc y1 yn "
     # structured text
     "abstract action any array at by configuration constant elsif exit extends f_edge final from function "
     "function_block get implements initial_step interface internal interval limit method mod non_retain of "
@@ -114,20 +116,24 @@ _WORDS = (
 )
 
 
-def _reserved() -> set[str]:
-    """Return the names that are taken, where upper and lower case are the same."""
-    parts = (_ESTIMATED, _MEASURED, _REFERENCES, _SUMS, _STEPS, _CUT, _SUMMED)
-    programs = "\n".join((_STRUCTURED_TEXT, _C, _LQR, _MPC, *parts)).lower()
+def _taken(controller: Controller) -> set[str]:
+    """Return the names that its program cannot have, where upper and lower case are the same."""
+    texts = [_MPC]
+    if isinstance(controller, PID | Decentralized):
+        texts = [_STRUCTURED_TEXT, _C]
+    elif isinstance(controller, LQR | LQG):
+        texts = [_LQR, _ESTIMATED, _MEASURED, _REFERENCES, _SUMS, _STEPS, _CUT, _SUMMED]
+    programs = "\n".join(texts).lower()
     code = re.sub(r"\(\*.*?\*\)|/\*.*?\*/|\$\{?\w+\}?\w*", "", programs, flags=re.DOTALL)
     types = _TYPES.split()
     turned = {f"{one}_to_{other}" for one in types for other in types}
     return {*types, *_WORDS.split(), *re.findall(r"[a-z]\w*", code), *turned}
 
 
-def _check_name(name: str) -> None:
+def _check_name(name: str, controller: Controller) -> None:
     plain, low = re.fullmatch(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*", name), name.lower()
     # VAR_INPUT, END_IF and so on: systems have more of them than the standard.
-    if plain is None or low.startswith(("var_", "end_")) or low in _reserved():
+    if plain is None or low.startswith(("var_", "end_")) or low in _taken(controller):
         raise SettingsError(
             "the name of a controller's code must be letters, digits and single underscores, start with a "
             "letter, and be no word of C or structured text and no name within the program, "

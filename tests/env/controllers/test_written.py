@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from prefcal_env import LQG, LQR, PID, Channel, FunctionPlant, LinearMPC, MPCSettings, Plant
 from prefcal_env.controllers import Decentralized, Linearized, as_code, as_data, from_data
 from prefcal_env.errors import SettingsError
-from prefcal_env.experiments.experiment import Channels, Measurement
+from prefcal_env.experiments.experiment import Channels, Controller, Measurement
 from prefcal_env.qp import Tolerances
 
 Step = Callable[[bool, float, float, float, float], float]
@@ -449,22 +449,32 @@ def test_an_mpc_of_another_plant_says_why_it_has_neither_code_nor_data() -> None
 # --- What cannot be written.
 
 
-DECLARED = """
-    auto hand sp pv acted u gain weight_p weight_d per_sample tracking pole rise u_low u_high running last_sp
-    last_pv i_part d_part wanted before m automatic integral derivative low high nx nu ny ni k k_i u0 x0 y0 a
-    b c d l f dx cut back finite sum step out time x y r v e i j
-    np n z mu p row over under excess largest violation sign push partial full length norm slopes base offset
-    most_up most_down turns back absolute relative
-"""
-"""Names within the programs."""
+LAG = Plant.of(([1.0], [2.0, 1.0]))
+DECLARED: Sequence[tuple[Controller, str]] = (
+    (
+        PID(1.0, T_s=1.0),
+        """auto hand sp pv acted u gain weight_p weight_d per_sample tracking pole rise u_low u_high running
+        last_sp last_pv i_part d_part wanted before m automatic integral derivative low high""",
+    ),
+    (
+        LQR(LAG, [1.0], [1.0], T_s=0.1),
+        """m acted nx nu ny ni k k_i u0 x0 y0 a b c d l f dx cut back finite sum step out time low high x y r u
+        v e i j running""",
+    ),
+    (
+        LinearMPC(LAG, MPCSettings(0.2, 3, 1, [[1.0]], [[1.0]])),
+        """m automatic hand acted nx nu np ni n z mu p k row over under excess largest violation sign push
+        partial full length norm slopes base offset most_up most_down turns back absolute relative out""",
+    ),
+)
+"""Names within the programs of each controller."""
 OTHERS = (
-    "double Real END_VAR END_IF var_temp end_program MOVE Class this nullptr pow INT_TO_REAL while struct"
+    "double Real END_VAR END_IF var_temp end_program MOVE Class this nullptr pow copysign INT_TO_REAL while struct"
 )
 
 
 @pytest.mark.parametrize(
-    "name",
-    ["", "1st", "a b", "a__b", "a_", "x;y", "_a", *f"{KEYWORDS} {LIBRARY} {DECLARED} {OTHERS}".split()],
+    "name", ["", "1st", "a b", "a__b", "a_", "x;y", "_a", *f"{KEYWORDS} {LIBRARY} {OTHERS}".split()]
 )
 @pytest.mark.parametrize("language", ["st", "c"])
 def test_a_name_that_is_none_is_refused(name: str, language: str) -> None:
@@ -473,7 +483,19 @@ def test_a_name_that_is_none_is_refused(name: str, language: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["Heater", "loop", "valve_7", "T", "pid1", "flow_to_tank", "state", "ending"]
+    ("controller", "name"), [(controller, name) for controller, names in DECLARED for name in names.split()]
+)
+def test_a_name_within_the_program_of_the_controller_is_refused(controller: Controller, name: str) -> None:
+    with pytest.raises(SettingsError, match="no name within the program"):
+        as_code(controller, "c", NAMED, name=name)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *["Heater", "loop", "valve_7", "T", "pid1", "flow_to_tank", "state", "ending"],
+        *["base", "norm", "row", "push", "full"],  # of an MPC's program only
+    ],
 )
 def test_other_names_are_taken(name: str) -> None:
     assert f"FUNCTION_BLOCK {name}\n" in as_code(PID(1.0, T_s=1.0), "st", NAMED, name=name)
