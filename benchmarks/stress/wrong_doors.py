@@ -801,7 +801,7 @@ def exports(dice: Dice) -> Wrong:
             [
                 (("--to", name), ("--to", name)),
                 ((), ("--to",)),
-                (("--to", "c", "--name", junk), ("name",)),
+                (("--to", "c", "--name", f"1{junk}"), ("name",)),  # abc alone is a name
                 (("--to", "forms", "--time", name), (name, "only a PID")),
                 (("--to", "forms", "--ranges", junk), ("--ranges",)),
                 (("--to", "c", "--ranges", "0:1,0:1"), ("ranges",)),

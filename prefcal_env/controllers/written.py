@@ -137,7 +137,7 @@ def _check_name(name: str, controller: Controller) -> None:
         raise SettingsError(
             "the name of a controller's code must be letters, digits and single underscores, start with a "
             "letter, and be no word of C or structured text and no name within the program, "
-            f"got {name!r}"
+            f"got {name!r:.80}"
         )
 
 

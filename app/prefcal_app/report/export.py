@@ -179,7 +179,7 @@ def export_controller(
     """
     content, digest = _read(Path(path))
     theta = content["theta"]
-    if not (isinstance(theta, dict) and all(is_number(v) for v in theta.values() if v is not None)):
+    if not (isinstance(theta, dict) and all(map(is_number, theta.values()))):
         raise ScenarioError(f"theta in {str(path)!r} must be a table of numbers, got {theta!r:.200}")
     refuse_outdated(Path(path), content)
     channels, described = _channels_of(content), _described(content, path)

@@ -430,6 +430,13 @@ def test_an_mpc_of_a_linear_plant_is_made_again_from_its_data(seed: int) -> None
     assert text == as_code(mpc, "c", NAMED)
 
 
+def test_a_number_in_the_data_of_an_mpc_is_no_matrix() -> None:
+    data = as_data(LinearMPC(LAG, MPCSettings(0.2, 3, 1, [[1.0]], [[1.0]])))
+    data["model"]["B"] = 3
+    with pytest.raises(SettingsError, match=r"B must have shape \(1, 1\), got \(\)"):
+        from_data(data)
+
+
 def test_an_mpc_of_another_plant_says_why_it_has_neither_code_nor_data() -> None:
     tank = FunctionPlant(lambda x, u, d: u - x**2, states=[Channel("x")], inputs=[Channel("u")])
     disturbed = Plant.of(([[-1.0]], [[1.0, 1.0]], [[1.0]], [[0.0, 0.0]]), disturbances=["d"])
@@ -458,8 +465,8 @@ DECLARED: Sequence[tuple[Controller, str]] = (
     ),
     (
         LQR(LAG, [1.0], [1.0], T_s=0.1),
-        """m acted nx nu ny ni k k_i u0 x0 y0 a b c d l f dx cut back finite sum step out time low high x y r u
-        v e i j running""",
+        """m acted nx nu ny ni k k_i u0 x0 y0 a b c d l f dx cut back finite sum step out time low high x y r
+        u v e i j running""",
     ),
     (
         LinearMPC(LAG, MPCSettings(0.2, 3, 1, [[1.0]], [[1.0]])),
@@ -468,9 +475,10 @@ DECLARED: Sequence[tuple[Controller, str]] = (
     ),
 )
 """Names within the programs of each controller."""
-OTHERS = (
-    "double Real END_VAR END_IF var_temp end_program MOVE Class this nullptr pow copysign INT_TO_REAL while struct"
-)
+OTHERS = """
+    double Real END_VAR END_IF var_temp end_program MOVE Class this nullptr pow copysign INT_TO_REAL while
+    struct
+"""
 
 
 @pytest.mark.parametrize(
