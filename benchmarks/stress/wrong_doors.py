@@ -797,22 +797,27 @@ def exports(dice: Dice) -> Wrong:
     elif how == 3:
         content = damaged(dice, json.dumps(plain).encode())
     else:
-        words, named = dice.choice(
-            [
-                (("--to", name), ("--to", name)),
-                ((), ("--to",)),
-                (("--to", "c", "--name", f"1{junk}"), ("name",)),  # abc alone is a name
-                (("--to", "forms", "--time", name), (name, "only a PID")),
-                (("--to", "forms", "--ranges", junk), ("--ranges",)),
-                (("--to", "c", "--ranges", "0:1,0:1"), ("ranges",)),
-                (("--to", "forms", "--ranges", "5:1,0:9"), ("--ranges",)),
-                (("--to", "c", "--out", f"{name}/a.h"), ("--out", name)),
-                (("--to", "c", name), (name,)),
-                (("--to", "c", f"--{name}"), (name,)),
-            ]
-        )
+        words, named = _wrong_words(dice, name, junk)
     files = {"best.json": content or json.dumps(plain).encode()}
     return typed("export", "best.json", *words, named=named, files=files)
+
+
+def _wrong_words(dice: Dice, name: str, junk: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return wrong words after a right best.json, and what must be named."""
+    return dice.choice(
+        [
+            (("--to", name), ("--to", name)),
+            ((), ("--to",)),
+            (("--to", "c", "--name", f"1{junk}"), ("name",)),  # abc alone is a name
+            (("--to", "forms", "--time", name), (name, "only a PID")),
+            (("--to", "forms", "--ranges", junk), ("--ranges",)),
+            (("--to", "c", "--ranges", "0:1,0:1"), ("ranges",)),
+            (("--to", "forms", "--ranges", "5:1,0:9"), ("--ranges",)),
+            (("--to", "c", "--out", f"{name}/a.h"), ("--out", name)),
+            (("--to", "c", name), (name,)),
+            (("--to", "c", f"--{name}"), (name,)),
+        ]
+    )
 
 
 _NO_DEFAULT = ("K_p", "T_s", "model", "Q", "R", "integral", "Q_i", "controller")
