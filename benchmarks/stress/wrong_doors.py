@@ -16,7 +16,7 @@ from unittest import mock
 import pandas as pd
 
 from prefcal_app.__main__ import main as prefcal
-from prefcal_env import LQR, PID, Plant
+from prefcal_env import LQR, PID, LinearMPC, MPCSettings, Plant
 from prefcal_env.controllers import as_data
 from prefcal_env.experiments.experiment import Controller
 
@@ -764,6 +764,7 @@ BEST: Mapping[str, Any] = {
 _TUNED: Sequence[Controller] = (
     PID(2.0, 120.0, 10.0, T_s=1.0, b=0.5, low=0.0, high=100.0),
     LQR(Plant.of(([1.0], [9.0, 1.0])), [1.0], [1.0], T_s=0.5),
+    LinearMPC(Plant.of(([1.0], [9.0, 1.0])), MPCSettings(0.5, 5, 2, [[1.0]], [[0.1]])),
 )
 
 
@@ -778,7 +779,9 @@ def exports(dice: Dice) -> Wrong:
     needed = [path for path in leaves(plain) if path[0] in ("settings", "channels", *_NEEDED)]
     content = b""
     if how == 0:  # a value of another type; None is an infinite one in settings
-        path = dice.choice([path for path in needed if path[0] != "channels"])
+        # In place of None, a number is a right one: a limit where there was none.
+        held = [path for path in needed if path[0] != "channels" and at(plain, path) is not None]
+        path = dice.choice(held)
         plain, new = with_other(dice, plain, path)
         if new is None and path[0] == "settings":
             at(plain, path[:-1])[path[-1]] = "abc"
