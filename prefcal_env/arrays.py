@@ -87,6 +87,16 @@ def vector(name: str, value: Any, n: int, kind: Kind = "any") -> Float[np.ndarra
     return array
 
 
+def matrix(name: str, value: Any, shape: tuple[int, int]) -> Float[np.ndarray, "m n"]:
+    """Return the matrix that nested lists hold, of this shape. Raises SettingsError if it has another."""
+    array = numbers(value, name)
+    if array.size == 0 in shape:  # lists without rows have no columns
+        array = np.zeros(shape)
+    if array.shape != shape:
+        raise SettingsError(f"{name} must have shape {shape}, got {array.shape}")
+    return array
+
+
 def weights(
     name: str, value: Any, n: int | None = None, *, definite: bool = False
 ) -> Float[np.ndarray, "n n"]:

@@ -16,7 +16,7 @@ from unittest import mock
 import pandas as pd
 
 from prefcal_app.__main__ import main as prefcal
-from prefcal_env import LQR, PID, Plant
+from prefcal_env import LQR, PID, LinearMPC, MPCSettings, Plant
 from prefcal_env.controllers import as_data
 from prefcal_env.experiments.experiment import Controller
 
@@ -764,6 +764,7 @@ BEST: Mapping[str, Any] = {
 _TUNED: Sequence[Controller] = (
     PID(2.0, 120.0, 10.0, T_s=1.0, b=0.5, low=0.0, high=100.0),
     LQR(Plant.of(([1.0], [9.0, 1.0])), [1.0], [1.0], T_s=0.5),
+    LinearMPC(Plant.of(([1.0], [9.0, 1.0])), MPCSettings(0.5, 5, 2, [[1.0]], [[0.1]])),
 )
 
 
@@ -778,7 +779,9 @@ def exports(dice: Dice) -> Wrong:
     needed = [path for path in leaves(plain) if path[0] in ("settings", "channels", *_NEEDED)]
     content = b""
     if how == 0:  # a value of another type; None is an infinite one in settings
-        path = dice.choice([path for path in needed if path[0] != "channels"])
+        # In place of None, a number is a right one: a limit where there was none.
+        held = [path for path in needed if path[0] != "channels" and at(plain, path) is not None]
+        path = dice.choice(held)
         plain, new = with_other(dice, plain, path)
         if new is None and path[0] == "settings":
             at(plain, path[:-1])[path[-1]] = "abc"
@@ -797,22 +800,27 @@ def exports(dice: Dice) -> Wrong:
     elif how == 3:
         content = damaged(dice, json.dumps(plain).encode())
     else:
-        words, named = dice.choice(
-            [
-                (("--to", name), ("--to", name)),
-                ((), ("--to",)),
-                (("--to", "c", "--name", junk), ("name",)),
-                (("--to", "forms", "--time", name), (name, "only a PID")),
-                (("--to", "forms", "--ranges", junk), ("--ranges",)),
-                (("--to", "c", "--ranges", "0:1,0:1"), ("ranges",)),
-                (("--to", "forms", "--ranges", "5:1,0:9"), ("--ranges",)),
-                (("--to", "c", "--out", f"{name}/a.h"), ("--out", name)),
-                (("--to", "c", name), (name,)),
-                (("--to", "c", f"--{name}"), (name,)),
-            ]
-        )
+        words, named = _wrong_words(dice, name, junk)
     files = {"best.json": content or json.dumps(plain).encode()}
     return typed("export", "best.json", *words, named=named, files=files)
+
+
+def _wrong_words(dice: Dice, name: str, junk: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return wrong words after a right best.json, and what must be named."""
+    return dice.choice(
+        [
+            (("--to", name), ("--to", name)),
+            ((), ("--to",)),
+            (("--to", "c", "--name", f"1{junk}"), ("name",)),  # abc alone is a name
+            (("--to", "forms", "--time", name), (name, "only a PID")),
+            (("--to", "forms", "--ranges", junk), ("--ranges",)),
+            (("--to", "c", "--ranges", "0:1,0:1"), ("ranges",)),
+            (("--to", "forms", "--ranges", "5:1,0:9"), ("--ranges",)),
+            (("--to", "c", "--out", f"{name}/a.h"), ("--out", name)),
+            (("--to", "c", name), (name,)),
+            (("--to", "c", f"--{name}"), (name,)),
+        ]
+    )
 
 
 _NO_DEFAULT = ("K_p", "T_s", "model", "Q", "R", "integral", "Q_i", "controller")

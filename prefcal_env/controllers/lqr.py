@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import solve_discrete_are
 
-from prefcal_env.arrays import is_number, vector, weights
+from prefcal_env.arrays import is_number, matrix, vector, weights
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Measurement, Move
 from prefcal_env.plants.plant import Plant
@@ -191,11 +191,10 @@ class LQR:
         n_x, n_u, n_y = (len(model[name]) for name in ("x0", "u0", "y0"))
         for name in ("low", "high"):
             model[name] = [infinite(name, value) for value in model[name]]
-        # Lists without rows have no columns.
         for name, shape in {"A": (n_x, n_x), "B": (n_x, n_u), "C": (n_y, n_x)}.items():
-            model[name] = np.reshape(model[name], shape)
+            model[name] = matrix(name, model[name], shape)
         integral = data["integral"]
-        Q_i = np.reshape(data["Q_i"], (len(integral),) * 2)
+        Q_i = matrix("Q_i", data["Q_i"], (len(integral),) * 2)
         return cls(Linearized(**model), data["Q"], data["R"], T_s=data["T_s"], integral=integral, Q_i=Q_i)
 
     def move(self, measurement: Measurement) -> Move:

@@ -7,7 +7,7 @@ from typing import Any, Literal, Self, get_args
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.arrays import is_number, vector, weights
+from prefcal_env.arrays import is_number, matrix, vector, weights
 from prefcal_env.errors import PlantError, SettingsError
 from prefcal_env.experiments.experiment import Measurement, Move
 from prefcal_env.plants.plant import Plant, equations_of
@@ -328,10 +328,9 @@ class LinearMPC:
         """Return the MPC that `as_data` describes. Raises SettingsError or KeyError for other data."""
         model, settings = data["model"], dict(data["settings"])
         D = np.array(model["D"], dtype=float)
-        # Lists without rows have no columns.
         n_x, (n_y, n_u) = len(model["A"]), D.shape
         shapes = {"A": (n_x, n_x), "B": (n_x, n_u), "C": (n_y, n_x)}
-        A, B, C = (np.reshape(np.array(model[name], dtype=float), shape) for name, shape in shapes.items())
+        A, B, C = (matrix(name, model[name], shape) for name, shape in shapes.items())
         for name, sign in (("min", -np.inf), ("max", np.inf)):
             for what in (f"u_{name}", f"du_{name}", f"y_{name}"):
                 if settings.get(what) is not None:

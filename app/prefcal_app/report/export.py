@@ -16,7 +16,8 @@ from jaxtyping import Float
 
 from prefcal_env.arrays import is_number
 from prefcal_env.controllers import as_data
-from prefcal_env.controllers.written import ANTI_WINDUP, EQUATIONS, FILTERED, PIDParameter, as_code, pid_forms
+from prefcal_env.controllers.forms import ANTI_WINDUP, EQUATIONS, FILTERED, PIDParameter, pid_forms
+from prefcal_env.controllers.written import as_code
 from prefcal_env.disk import digest_of
 from prefcal_env.errors import ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import Channel, Channels, Controller, End
@@ -178,7 +179,7 @@ def export_controller(
     """
     content, digest = _read(Path(path))
     theta = content["theta"]
-    if not (isinstance(theta, dict) and all(is_number(v) for v in theta.values() if v is not None)):
+    if not (isinstance(theta, dict) and all(map(is_number, theta.values()))):
         raise ScenarioError(f"theta in {str(path)!r} must be a table of numbers, got {theta!r:.200}")
     refuse_outdated(Path(path), content)
     channels, described = _channels_of(content), _described(content, path)

@@ -22,8 +22,8 @@ from prefcal_app.summary import VERDICTS as VERDICTS
 from prefcal_app.summary import Outlook, Spread
 from prefcal_app.view.end import FIRST, gain_view, gained, pid_rows
 from prefcal_app.view.question import cell, column, judged, row, table, theta_texts, theta_view
+from prefcal_env.controllers.forms import ANTI_WINDUP, SERIES, PIDParameter
 from prefcal_env.controllers.margins import Margins
-from prefcal_env.controllers.written import ANTI_WINDUP, SERIES, PIDParameter
 from prefcal_env.errors import PrefcalError, SettingsError, StaleError, StudyError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.panels import named

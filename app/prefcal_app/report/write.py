@@ -18,8 +18,8 @@ from markupsafe import Markup
 from prefcal_app.summary import kept_text
 from prefcal_app.view.end import FIRST, pid_table
 from prefcal_app.view.question import cell, row, table, theta_view
+from prefcal_env.controllers.forms import ALL, PARALLEL
 from prefcal_env.controllers.margins import Margins
-from prefcal_env.controllers.written import ALL, PARALLEL
 from prefcal_env.disk import digest_of
 from prefcal_env.errors import ScenarioError, StaleError
 from prefcal_env.experiments.experiment import Channel, End, Experiment

@@ -25,18 +25,17 @@ from prefcal_app.summary import (
     list_shown,
     unmeasured,
 )
-from prefcal_env.controllers.written import (
+from prefcal_env.controllers.forms import (
     ANTI_WINDUP,
     EQUATIONS,
     FILTERED,
-    LANGUAGES,
     NO_SERIES,
     PARALLEL,
     SERIES,
     PIDParameter,
-    languages_of,
     pid_forms,
 )
+from prefcal_env.controllers.written import LANGUAGES, languages_of
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.study import State

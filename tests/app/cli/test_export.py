@@ -1,10 +1,15 @@
 """`prefcal export`: what it prints and writes, and what it refuses."""
 
+import ctypes
 import json
+import shutil
+import subprocess
 
+import numpy as np
 import pytest
 
-from prefcal_env import PID
+from prefcal_app import load_controller
+from prefcal_env import PID, Measurement
 from prefcal_env.controllers import as_data
 
 
@@ -57,3 +62,49 @@ def test_what_cannot_be_written_says_why(prefcal, best, words, said):
     assert code != 0
     assert out == ""
     assert said in " ".join(err.split())
+
+
+ROOM = """
+import numpy as np
+from prefcal_env import Channel, ClosedLoop, Knob, KnobSpace, LinearMPC, MPCSettings, Plant, PlantEnv, Task
+from prefcal_env.controllers import as_data
+from prefcal_scenarios import Scenario
+
+heating, temperature = Channel("heating", "kW", 0, 8), Channel("temperature", "K")
+matrices = [[-0.5]], [[0.2]], [[1.0]], [[0.0]]
+plant = Plant.of(matrices, inputs=heating, outputs=temperature, time_unit="h")
+task = Task(x0=plant.x0, u0=plant.u0, y_ref=np.array([2.0]), horizon=6.0)
+def mpc(theta):
+    return LinearMPC(plant, MPCSettings(0.25, 20, 4, Q_y=[[1.0]], Q_du=[[theta[0]]]))
+knobs = KnobSpace([Knob("Q_du", 1e-3, 10, scale="log10")])
+loop = ClosedLoop(PlantEnv(plant, task), mpc)
+room = Scenario("room", "MPC of a room", knobs, loop, settings=lambda theta: as_data(mpc(theta)))
+def cost(e):
+    return float(np.abs(e.y - 2).sum())
+"""
+CALLED = """
+#include "room.h"
+int step(const double *r, const double *x, const double *acted, double *u);
+int step(const double *r, const double *x, const double *acted, double *u)
+{
+    static room_state state;
+    return room(&state, 1, acted, r, x, acted, u);
+}
+"""
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+def test_an_mpc_that_was_tuned_moves_in_c_as_the_loaded_one(done, tmp_path):
+    (tmp_path / "own.py").write_text(ROOM)
+    words = ["--calibrator", "synthetic", "--cost", "own.py:cost", "--n-max", "3", "--out", "tuned"]
+    done("calibrate", "own.py:room", *words)
+    done("export", "tuned/best.json", "--to", "c", "--name", "room", "--out", "room.h")
+    (tmp_path / "room.c").write_text(CALLED)
+    strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off"]
+    subprocess.run(["cc", *strict, "-shared", "-fPIC", "room.c", "-o", "room.so", "-lm"], check=True)
+    r, x, acted, u = np.full(1, 2.0), np.full(1, 1.95), np.full(1, 4.5), np.zeros(1)
+    vectors = (ctypes.c_void_p(each.ctypes.data) for each in (r, x, acted, u))
+    assert ctypes.CDLL(str(tmp_path / "room.so")).step(*vectors) == 0
+    measured = Measurement(t=0.0, x=x, u=acted, d=np.zeros(0), y_ref=r)
+    assert u == pytest.approx(load_controller("tuned/best.json").move(measured).u, abs=1e-12)
+    assert 0 < u < 8  # between the limits, where all of the QP counts

@@ -326,6 +326,7 @@ def test_fewer_channels_than_the_controller_has_are_refused(heater, key):
     [
         ({"theta": 3}, "theta in .* must be a table of numbers, got 3"),
         ({"theta": [2.0, 1.0]}, "must be a table of numbers"),
+        ({"theta": {"K_p": None}}, "must be a table of numbers, got .*None"),
         ({"theta": {"K_p": "high"}}, "must be a table of numbers, got .*'high'"),
         ({"settings": as_data(HEATER) | {"K_p": 10**400}}, "data of a PID do not fit"),
         ({"settings": as_data(HEATER) | {"low": True}}, "must be numbers, got true or false"),

@@ -177,6 +177,14 @@ def test_data_that_lack_something_are_refused(data):
         from_data(data)
 
 
+@pytest.mark.parametrize("name", ["A", "B", "C", "Q_i"])
+def test_a_number_in_the_data_is_no_matrix(name):
+    data = as_data(LQR(Plant.of(([1.0], [2.0, 1.0])), [1.0], [1.0], T_s=T_S, integral=[0], Q_i=[2.0]))
+    (data if name == "Q_i" else data["model"])[name] = 3
+    with pytest.raises(SettingsError, match=rf"{name} must have shape \(1, 1\), got \(\)"):
+        from_data(data)
+
+
 def at_rest(plant, x0=None, u0=None):
     """A task that starts at rest, at 0 unless it is given."""
     x0, u0 = (np.zeros(len(c)) if v is None else v for c, v in ((plant.states, x0), (plant.inputs, u0)))
