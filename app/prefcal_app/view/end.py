@@ -15,7 +15,18 @@ from prefcal_agents.result import find_unbeaten, rows_between
 from prefcal_agents.screening.findings import Findings, Reason
 from prefcal_app.session import Interview, Now, Outlook, Question, Side
 from prefcal_app.session.study import is_robust, tried_on_plant, why_over
-from prefcal_app.simulating import Screened, as_shown, at_stake, menu_names, named_titles, offer, why
+from prefcal_app.simulating import (
+    Screened,
+    as_shown,
+    at_stake,
+    carried_by,
+    menu_names,
+    named_titles,
+    offer,
+    robust,
+    wanted,
+    why,
+)
 from prefcal_app.summary import (
     Spread,
     after_a_slip,
@@ -289,11 +300,15 @@ def over_view(
     interview: Interview, now: Now, best: Any, command: str, report: Path | None, seen: Seen
 ) -> dict[str, Any]:
     """Return OVER for the page; `best` is the best experiment in numbers."""
+    outlook = interview.known.outlook
     return {
         "reason": now.state.ended,
         "words": why_over(now.state.ended or "", interview.known.findings),
         "best": best,
         "gain": None if now.incumbent is None else _gain(interview, now.incumbent, now, seen),
+        "missed": "" if outlook is None else outlook.missed,
+        "why": reasons(interview),
+        "held": held(interview),
         "report": report_view(report),
         "command": command,
         "next": next_view(interview, report),
@@ -302,6 +317,23 @@ def over_view(
         "smaller": smaller_view(interview, interview.known.findings),
         "trial": trial_view(interview, now),
     }
+
+
+def reasons(interview: Interview) -> list[str]:
+    """Return why this experiment is the result, in a few sentences."""
+    outlook, found = interview.known.outlook, interview.known.findings
+    said = [] if outlook is None else [outlook.unbeaten]
+    if found is not None and found.explained:
+        said += [wanted(dict(found.wishes), interview.scenario), carried_by(found.decisive)]
+    # Without an answer that speaks against it: that would be in `unbeaten`.
+    return [*filter(None, said)] or ["No experiment that was compared is better by what was answered."]
+
+
+def held(interview: Interview) -> list[str]:
+    """Return how the result of a robust study holds, a sentence each; empty for other studies."""
+    found = interview.known.findings
+    known = None if found is None or not found.over or found.parts < 2 else found.robustness
+    return [] if known is None else list(robust(known, interview.scenario))
 
 
 def _gain(interview: Interview, best: int, now: Now, seen: Seen) -> dict[str, Any]:

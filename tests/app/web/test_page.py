@@ -347,7 +347,9 @@ def test_the_result_is_verified_by_a_key_and_a_person_judges_the_worst_runs(brow
     page.keyboard.press("v")
     page.wait_for_selector("#verification .statement")
     assert re.search(r"\d+ of 299 runs end safely", page.inner_text("#verification .statement"))
+    page.click("#verified summary")
     assert "phase margin" in page.inner_text("#verification")
+    page.click("#worst-runs summary")
     pictures = page.locator(".worst img")
     assert pictures.count() == 3
     pictures.first.scroll_into_view_if_needed()
@@ -358,6 +360,7 @@ def test_the_result_is_verified_by_a_key_and_a_person_judges_the_worst_runs(brow
     page.wait_for_selector(".worst [aria-pressed=true]")
     assert serious(page) == []
     page.reload()  # what is known stays
+    page.click("#worst-runs summary")
     page.wait_for_selector(".worst [aria-pressed=true]")
     assert page.inner_text(".worst [aria-pressed=true]") == "Not acceptable"
     (kept,) = served.study.parent.rglob("verification.json")

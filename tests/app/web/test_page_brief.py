@@ -36,7 +36,8 @@ def test_the_end_shows_the_gain_and_opens_the_report(browser, command):
     page.keyboard.type("2")
     assert page.input_value("#more") == "12"
     assert page.locator("button.primary").filter(visible=True).count() == 0
-    assert "gained" in page.inner_text("#view-over .gain").lower()
+    assert page.inner_text("#view-over .gain h3") == "What you got"
+    assert page.locator("#view-over details[open]").count() == 0
     watched.shot("end-1280")
     with page.expect_popup() as opened:
         page.click("text=Open the report")

@@ -163,7 +163,10 @@ def test_it_offers_to_stop_and_going_on_is_respected(browser, screen):
     page.wait_for_selector("#offer:visible")
     page.click("#offer-finish")
     watched.phase("over")
-    page.wait_for_function("() => document.body.textContent.includes('Continue or stop?')")
+    page.click("text=How much is left to gain")
+    page.wait_for_function(
+        "() => document.getElementById('view-over').innerText.includes('simulated is better than')"
+    )
     assert page.locator("#view-over >> text=Keep comparing").is_visible()
     assert served.state.ended == "stopped"
     assert watched.errors == []
@@ -202,6 +205,7 @@ def test_the_end_leads_to_the_answer_that_matters_and_to_other_candidates(browse
     watched.answer("ArrowLeft")
     page.keyboard.press("ArrowRight")
     watched.phase("over")
+    page.click("text=How much is left to gain")
     page.wait_for_selector("text=2 of 3 knobs can stay as before")
     page.click("text=Look at the smaller change")  # simulated apart from all others, and in the picture
     page.wait_for_function("() => document.querySelector('#point .values')?.textContent.includes('21')")

@@ -198,3 +198,12 @@ def test_the_head_shows_the_three_kpis_that_differ_most_in_this_pair(opened):
             values = watched.page.locator(f"#{side}-numbers dd").all_inner_texts()
             assert all(row[side]["text"] in v for row, v in zip(rows, values, strict=False))
         watched.answer("ArrowLeft")
+
+
+@pytest.mark.parametrize(("width", "height"), [(640, 360), (390, 560)])
+def test_a_question_has_one_scroll_bar_when_magnified_and_on_a_phone(browser, command, width, height):
+    watched = Watched(browser, viewport={"width": width, "height": height})
+    watched.open(command(n_max=3).link)
+    scrolls = "e => e.scrollHeight > e.clientHeight"
+    assert watched.page.eval_on_selector("#main", scrolls)
+    assert not watched.page.eval_on_selector("html", scrolls)
