@@ -115,6 +115,14 @@ def test_going_on_withdraws_the_confirmation():
     assert interview.now().state.kept is None
 
 
+def test_a_retraction_that_makes_old_the_best_withdraws_that_new_was_confirmed():
+    interview = finished()
+    interview.do(actions.KeepOnPlant("new", 1))
+    interview.do(actions.Retract(1))
+    now = interview.now()
+    assert (now.phase, now.incumbent, now.state.kept) == (Phase.OVER, 0, None)
+
+
 def test_sheet_and_best_json_say_what_is_kept():
     kept = {"which": "old", "experiment": 1, "blind": True, "by": "Ada", "at": "2026-01-01T10:11:12+00:00"}
     told = "Confirmed on the plant: old (experiment 1), tried blind, by Ada 2026-01-01 10:11 (UTC)."
