@@ -524,7 +524,7 @@ class State:
         open: Id and event of the open question.
         ended: Why the study is over; None while it is not.
         concluded: What was said of the result; None while it is not, and once the record is another one.
-        kept: Number, time and event that says what stays on the plant; None while the study goes on.
+        kept: Number, time and event that says what stays on the plant; None as `concluded`.
         reopened: Whether it was over before, and went on.
     """
 
@@ -581,11 +581,9 @@ def step(state: State, seq: int, at: str, event: Event) -> State:
         after = rule(state, seq, at, event)
     except ProtocolError as error:
         raise StudyError(f"event {seq} is impossible: {error}") from error
-    if after.ended is None and after.kept is not None:
-        after = replace(after, kept=None)  # what is tried again may have another result
-    # What was said is true of one result alone: a retraction after the end can give another one.
+    # What was said and confirmed is about one result alone: a retraction after the end can give another one.
     same = after.history is state.history and after.ended == state.ended
-    return after if same else replace(after, concluded=None)
+    return after if same else replace(after, concluded=None, kept=None)
 
 
 def _require(holds: bool, seq: int, otherwise: str) -> None:

@@ -1,8 +1,13 @@
 """The result of a rig is tried on the plant, openly or blind, and what is confirmed stays in the study."""
 
 import json
+import os
 import re
+import signal
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 from shutil import copy
 
 import pytest
@@ -15,7 +20,7 @@ from prefcal_app.summary import kept_on_plant, kept_text
 from prefcal_app.view import now_view, trial_view
 from prefcal_env.errors import StaleError, StudyError
 from prefcal_env.sources.rig import Rig
-from prefcal_env.study import StudyFile
+from prefcal_env.study import StudyFile, verify
 from support.interviews import begin, proceed, reopened
 from support.talking import talk
 from toy_scenario_tools import CHANNELS, csv
@@ -110,6 +115,14 @@ def test_going_on_withdraws_the_confirmation():
     assert interview.now().state.kept is None
 
 
+def test_a_retraction_that_makes_old_the_best_withdraws_that_new_was_confirmed():
+    interview = finished()
+    interview.do(actions.KeepOnPlant("new", 1))
+    interview.do(actions.Retract(1))
+    now = interview.now()
+    assert (now.phase, now.incumbent, now.state.kept) == (Phase.OVER, 0, None)
+
+
 def test_sheet_and_best_json_say_what_is_kept():
     kept = {"which": "old", "experiment": 1, "blind": True, "by": "Ada", "at": "2026-01-01T10:11:12+00:00"}
     told = "Confirmed on the plant: old (experiment 1), tried blind, by Ada 2026-01-01 10:11 (UTC)."
@@ -129,6 +142,49 @@ def test_the_terminal_switches_and_confirms(lines):
     expected = tried_on_plant(finished().now().state, 1)[1] if lines[0] == "b" else 0
     assert (kept.index, kept.blind) == (expected, lines[0] == "b")
     assert kept_text(kept_on_plant(interview.now().state)) in out
+
+
+KILLED = f"""
+import os, signal, sys
+from pathlib import Path
+sys.path[:0] = {[str(Path(__file__).parent), str(Path(__file__).parents[2])]!r}
+from rich.console import Console
+from prefcal_app.session import Background
+from prefcal_app.terminal import converse
+from prefcal_env.study import Kept, StudyFile
+from support.interviews import reopened
+from test_on_the_plant import RIG
+append, written = StudyFile.append, sys.argv[2] == "written"
+def killed(self, *entries):
+    if not isinstance(entries[0], Kept):
+        return append(self, *entries)
+    if written:
+        append(self, *entries)
+    os.kill(os.getpid(), signal.SIGKILL)
+StudyFile.append = killed
+interview, lines = reopened(RIG, Path(sys.argv[1])), iter(["t", "o", "keep"])
+with Background(interview):
+    converse(interview, Console(width=140), lambda words: next(lines))
+"""
+
+
+@pytest.mark.parametrize("written", [False, True])
+def test_a_process_that_is_killed_before_it_shows_what_was_confirmed(tmp_path, written):
+    path = tmp_path / "a.prefcal"
+    finished(path=path).file.close()
+    words = [sys.executable, "-c", KILLED, str(path), "written" if written else "pressed"]
+    searched = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run(words, capture_output=True, text=True, env=searched, timeout=120)
+    assert done.returncode == -signal.SIGKILL, done.stderr
+    assert "New: experiment 2: enter" in done.stdout
+    assert "Confirmed on the plant" not in done.stdout
+    assert verify(path) == ()
+    again = reopened(RIG, path)
+    trial = trial_view(again, again.now())
+    assert trial["kept"].startswith("Confirmed on the plant: new (experiment 2)") == written
+    assert (trial["kept"] == "") != written
+    again.do(actions.KeepOnPlant("old", 1))  # it can be tried again
+    assert again.now().state.kept[2].index == 0
 
 
 @pytest.mark.parametrize("lines", [["x"], ["t", "x"], ["b", ""]])

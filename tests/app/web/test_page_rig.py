@@ -99,8 +99,8 @@ def test_a_rigs_records_are_dropped_refused_and_compared(browser, command, own):
     assert watched.errors == []
 
 
-def test_old_and_new_are_one_key_apart_at_the_end_and_one_is_confirmed(browser, command, own):
-    served, watched = command("own.py:rig", n_max=2), Watched(browser)
+def _to_the_trial(served, watched):
+    """Go to the end of a study of two records, the second of which is better."""
     page = watched.page
     page.goto(served.link)
     for k, rows in enumerate((30, 20)):
@@ -114,6 +114,16 @@ def test_old_and_new_are_one_key_apart_at_the_end_and_one_is_confirmed(browser, 
     watched.question()
     page.keyboard.press("ArrowLeft" if served.state.open[1].challenger_left else "ArrowRight")
     watched.phase("over")
+
+
+def test_old_and_new_are_one_key_apart_at_the_end_and_one_is_confirmed(browser, command, own):
+    served, watched = command("own.py:rig", n_max=2), Watched(browser)
+    page = watched.page
+    _to_the_trial(served, watched)
+    page.keyboard.press("?")
+    page.get_by_text("while you try old and new on the plant").scroll_into_view_if_needed()
+    watched.shot("rig-trial-keys")
+    page.keyboard.press("Escape")
     page.click("#trial-open")
     assert "Old: first experiment (experiment 1)" in page.inner_text("#trial-side")
     page.keyboard.press("o")
@@ -136,6 +146,29 @@ def test_old_and_new_are_one_key_apart_at_the_end_and_one_is_confirmed(browser, 
     assert served.state.kept[2].blind
     watched.shot("rig-kept")
     assert watched.errors == []
+
+
+def test_what_was_confirmed_survives_a_kill_before_the_page_shows_it(browser, command, own):
+    served, watched = command("own.py:rig", n_max=2), Watched(browser)
+    page = watched.page
+    _to_the_trial(served, watched)
+
+    def lose_the_reply(route):
+        route.fetch()
+        served.kill()
+        route.abort()
+
+    page.route("**/api/keep_on_plant*", lose_the_reply)
+    page.click("#trial-open")
+    page.keyboard.press("o")
+    page.click("text=This one stays")
+    page.wait_for_selector("#banner:not([hidden])")
+    assert "Confirmed on the plant" not in page.inner_text("#view-over")
+    again = command("own.py:rig", n_max=2)
+    page.goto(again.link)
+    watched.phase("over")
+    page.wait_for_selector("text=Confirmed on the plant: new (experiment 2)")
+    assert again.state.kept[2].index == 1
 
 
 def test_a_plant_that_breaks_down_is_tried_again(browser, command, own):

@@ -183,6 +183,8 @@ def test_what_is_kept_on_a_plant_is_what_was_confirmed_last_until_the_study_goes
         assert file.state.kept[2] == Kept(0, True)
         file.append(Reopened())
         assert file.state.kept is None
+        file.append(Ended("stopped"), Kept(1, False), Retracted(1))
+        assert file.state.kept is None, "it may have been the best by the answer that is retracted"
 
 
 def test_a_failed_run_is_forgotten_once_it_has_run():

@@ -8,6 +8,7 @@ import { chooseIt, showOther } from "./simulated.js";
 import { verify } from "./verify.js";
 import { briefing } from "./waiting.js";
 
+// Of each key: how it is written, what it does in words, what it does, and when the list of keys names it.
 export const QUESTION = {
   ArrowLeft: ["← →", "left, right is better", () => answer("left")],
   ArrowRight: [null, "", () => answer("right")],
@@ -30,18 +31,20 @@ export const QUESTION = {
   ">": [null, "", () => moveCursor(10)],
   ":": [null, "", () => moveCursor(10)],
   j: ["J", "go to where the two differ most; again: in the next maneuver", jump],
-  "1-9": ["1 … 9", "show the first, second, ... maneuver", () => {}],
+  "1-9": ["1 … 9", "show the first, second, ... maneuver", () => {}, () => current()?.question?.maneuver],
   p: ["P", "ask me an earlier question again", repeat],
 };
+const simulates = () => current()?.screening;
 const EVERYWHERE = {
   z: ["Z", "undo the last answer", undo],
   h: ["H", "history", () => open("history")],
   w: ["W", "where are we", () => open("status")],
-  k: ["K", "stop the run on the plant", stopLive],
-  m: ["M", "everything simulated, as a picture", () => current()?.screening && open("simulated")],
-  1: ["1 2 C", "at the end: look at another candidate beside the result; choose what you look at", () => showOther(0)],
+  k: ["K", "stop the run on the plant", stopLive, () => current()?.live],
+  m: ["M", "everything simulated, as a picture", () => simulates() && open("simulated"), simulates],
+  1: ["1 2 C", "at the end: look at another candidate beside the result; choose what you look at", () => showOther(0), simulates],
   2: [null, "", () => showOther(1)],
   c: [null, "", chooseIt],
+  "o in the trial": ["O", "while you try old and new on the plant: switch to the other one", () => {}, () => current()?.over?.trial],
   v: ["V", "at the end: verify the result on plants that are not exactly as modeled", verify],
   Escape: ["Esc", "back to the question; skip a repeated question", leave],
   "?": ["?", "the task, and these keys", showKeys],
@@ -88,8 +91,7 @@ function asked(name) {
 
 export async function showKeys() {
   const known = [QUESTION, EVERYWHERE].flatMap(Object.values)
-    .filter(([key]) => key && (!["M", "1 2 C"].includes(key) || current()?.screening) && (key !== "K" || current()?.live)
-      && (key !== "1 … 9" || current()?.question?.maneuver));
+    .filter(([, , , named]) => !named || named());
   const told = await briefing();
   if ($("dialog").open) return; // pressed twice while loading
   ask("What this is about", [...told, el("h3", {}, "Keys"), keyTable(known),
