@@ -491,11 +491,9 @@ def kept_text(kept: Mapping[str, Any]) -> str:
     if not kept:
         return ""
     blind = ", tried blind" if kept["blind"] else ""
-    by = f" by {kept['by']}" if kept["by"] else ""
-    when = kept["at"][:16].replace("T", " ")
-    return (
-        f"Confirmed on the plant: {kept['which']} (experiment {kept['experiment']}){blind},{by} {when} (UTC)."
-    )
+    by = f"by {kept['by']} " if kept["by"] else ""
+    when = f"on {kept['at'][:10]} at {kept['at'][11:16]} UTC"
+    return f"Confirmed on the plant: {kept['which']} (experiment {kept['experiment']}){blind}, {by}{when}."
 
 
 def study_name(place: str) -> str:

@@ -93,6 +93,7 @@ def calibrating(folder: Path, verdicts: Sequence[str]) -> tuple[bytes, bytes, in
         the number of answers.
     """
     shots: list[tuple[bytes, float]] = []
+    picture = b""
     with _served(folder, "servo") as watched:
         page = watched.page
         for answered, verdict in enumerate(verdicts):
@@ -114,6 +115,10 @@ def calibrating(folder: Path, verdicts: Sequence[str]) -> tuple[bytes, bytes, in
             watched.question(before)
         page.wait_for_function(_SAYS_ALL, timeout=180_000)
         shots.append((page.screenshot(), 3.3))
+    if not picture:
+        raise RuntimeError(
+            f"the study ended after {answered + 1} answers: there is no question {PICTURED + 1}"
+        )
     return _moving(shots), picture, answered + 1
 
 

@@ -60,7 +60,7 @@ def faults(root: Path, tag: str = "") -> Iterator[str]:
 
 
 def run(what: str, *words: str, **environment: str) -> None:
-    """Run a step; end with its exit code if it fails."""
+    """Run a step; end with exit code 1 if it fails."""
     print(f"== {what}", flush=True)
     done = subprocess.run(words, cwd=ROOT, env=os.environ | environment, check=False)
     if done.returncode:
@@ -84,6 +84,8 @@ def main() -> None:
     listed = ("git", "status", "--porcelain")
     if left := subprocess.run(listed, cwd=ROOT, check=True, capture_output=True, text=True).stdout:
         sys.exit(f"commit first:\n{left}")
+    if (ROOT / given.out).is_dir() and any((ROOT / given.out).iterdir()):
+        sys.exit(f"{given.out} is not empty: name another folder with --out")
     version = project(ROOT)["version"]
     with tempfile.TemporaryDirectory() as site:
         words = ("-m", "mkdocs", "build", "--quiet", "--strict", "--site-dir", site)

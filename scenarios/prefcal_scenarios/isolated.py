@@ -211,7 +211,7 @@ def isolation(
         return replace(scenario, run=Isolated(scenario.source, source, workers))
 
     # A record is identified by this process alone, and kept; others at the same time would do the same work.
-    late = early and any(path.suffix in TABLES for path in files_of(source))
+    late = early and any(path.suffix.lower() in TABLES for path in files_of(source))
     for worker in workers if early and not late else ():
         worker.start()
     try:

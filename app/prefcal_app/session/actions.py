@@ -656,12 +656,14 @@ class KeepOnPlant(Action, frozen=True):
     """Confirm which of two tunings stays on the plant, after both were tried there.
 
     Args:
-        choice: "old" for the first experiment, "new" for the best; "A" or "B" after a blind trial.
+        index: Experiment that stays: the first one, 0, or the best.
         best: Index of the best experiment, as the person saw it.
+        blind: Whether the person was not told which was which.
     """
 
-    choice: Literal["old", "new", "A", "B"]
+    index: Whole
     best: Whole
+    blind: bool = False
     when = frozenset({Phase.OVER})
     otherwise = "the study has not ended"
 
@@ -676,10 +678,11 @@ class KeepOnPlant(Action, frozen=True):
     def _take(self, driver: Driver) -> None:
         if driver.study.best != self.best:
             raise StaleError("another experiment is the best by now: try both again")
-        sides = tried_on_plant(driver.state, self.best)
-        assert sides is not None
-        index = dict(zip("AB", sides, strict=True), old=0, new=self.best)[self.choice]
-        driver.append(events.Kept(index, self.choice in ("A", "B")))
+        if self.index not in (0, self.best):
+            raise StaleError(
+                f"experiment {self.index + 1} was not tried: only the first one and the best are"
+            )
+        driver.append(events.Kept(self.index, self.blind))
 
 
 # --- List all actions.

@@ -102,7 +102,9 @@ class _Conversation:
         if trial is None:
             return None
         self._say(f"{trial['kept']} Try it on the plant?".lstrip())
-        kind = {"t": "open", "b": "blind"}.get(self.line("t: old and new, b: blind, Enter: no").lower())
+        kind = {"t": "open", "b": "blind"}.get(
+            self._one_of("t: old and new, b: blind, Enter: no", ("t", "b"))
+        )
         sides, at = trial.get(kind or "", ()), 0
         while sides:
             side = sides[at]
@@ -110,14 +112,21 @@ class _Conversation:
                 f"{knob['name']} = {with_unit(knob['text'], knob['unit'])}" for knob in side["theta"]
             )
             self._say(f"{side['name']}: enter {theta}, then watch the plant.")
-            said = self.line("o: the other one, keep: this one stays, Enter: confirm nothing").lower()
+            asked = "o: the other one, keep: this one stays, Enter: confirm nothing"
+            said = self._one_of(asked, ("o", "keep"))
             if said == "keep":
-                self.interview.do(actions.KeepOnPlant(side["choice"], trial["best"]))
+                self.interview.do(actions.KeepOnPlant(side["index"], trial["best"], kind == "blind"))
                 return self._say(kept_text(kept_on_plant(self.interview.now().state)))
-            if said != "o":
-                return None
+            if not said:
+                return self._say("Nothing is confirmed.")
             at = 1 - at
         return None
+
+    def _one_of(self, asked: str, words: tuple[str, ...]) -> str:
+        """Return one of the words, asking again for anything else; empty for Enter."""
+        while (said := self.line(asked).lower()) and said not in words:
+            pass
+        return said
 
     def _wait(self, now: Now) -> None:
         with self.console.status(_waiting(now)) as status:

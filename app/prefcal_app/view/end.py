@@ -544,17 +544,14 @@ def trial_view(interview: Interview, now: Now) -> dict[str, Any] | None:
     best = blind[0] or blind[1]
     baseline = baseline_of(now.state)
 
-    def side(choice: str, index: int, name: str) -> dict[str, Any]:
+    def side(index: int, name: str) -> dict[str, Any]:
         experiment = interview.past.experiment(index)
         shown = theta_view(interview.scenario.space, experiment)
-        return {"choice": choice, "name": name, "theta": [{**knob, "differs": False} for knob in shown]}
+        return {"index": index, "name": name, "theta": [{**knob, "differs": False} for knob in shown]}
 
     return {
         "best": best,
-        "open": [
-            side("old", 0, f"Old: {baseline} (experiment 1)"),
-            side("new", best, f"New: experiment {best + 1}"),
-        ],
-        "blind": [side(name, index, name) for name, index in zip("AB", blind, strict=True)],
+        "open": [side(0, f"Old: {baseline} (experiment 1)"), side(best, f"New: experiment {best + 1}")],
+        "blind": [side(index, name) for name, index in zip("AB", blind, strict=True)],
         "kept": kept_text(kept_on_plant(now.state)),
     }

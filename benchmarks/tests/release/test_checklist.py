@@ -1,6 +1,8 @@
 """The checklist of a release names each file that does not name the version as it should."""
 
 import importlib
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -36,6 +38,13 @@ def test_files_that_agree_are_not_complained_of(checklist, clone):
 
 def test_another_tag_is_refused(checklist, clone):
     assert list(checklist.faults(clone, "v2.0.1")) == ["the tag is v2.0.1, but the version 2.0.0"]
+
+
+def test_with_another_tag_the_command_ends_with_1():
+    command = [sys.executable, ROOT / "benchmarks/release/checklist.py", "--tag", "v0.0.0-no-tag"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert "the tag is v0.0.0-no-tag" in done.stderr
 
 
 @pytest.mark.parametrize(

@@ -35,7 +35,7 @@ def arguments(interview, rng):
         "pace": (int(rng.integers(1, 4)),),
         "ask_for": (theta,),
         "choose": (theta, now.incumbent),
-        "keep_on_plant": (str(rng.choice(["old", "new", "A", "B"])), now.incumbent),
+        "keep_on_plant": (int(rng.choice([0, now.incumbent or 0])), now.incumbent),
         "record": (index, csv(5 + 5 * rng.random()), False, None, True),
         "write_and_start": (index,),
         "stop_run": (index,),

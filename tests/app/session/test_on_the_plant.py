@@ -31,7 +31,10 @@ RIG = replace(toy_scenario(), cost=None, references={}, kpis=(), run=Rig(CHANNEL
 
 def finished(seed=0, path=None, better=True):
     """A study of three records; the second one is better than the first, or none is."""
-    interview = begin(RIG, n_max=3, seed=seed, path=path)
+    return played(begin(RIG, n_max=3, seed=seed, path=path), better)
+
+
+def played(interview, better=True):
     while (now := proceed(interview)).phase is not Phase.OVER:
         if now.phase is Phase.RECORD:
             interview.do(actions.Record(now.pending.index, csv(5.0 + now.pending.index)))
@@ -45,7 +48,7 @@ def finished(seed=0, path=None, better=True):
 @pytest.mark.parametrize(("choice", "index"), [("old", 0), ("new", 1)])
 def test_what_is_confirmed_is_in_the_file_of_a_study_that_is_killed_right_then(tmp_path, choice, index):
     interview = finished(path=tmp_path / "a.prefcal")
-    interview.do(actions.KeepOnPlant(choice, 1))
+    interview.do(actions.KeepOnPlant(index, 1))
     killed = tmp_path / "killed"
     killed.mkdir()
     for file in tmp_path.glob("a.prefcal*"):  # as it is on the disk while the other one still runs
@@ -66,7 +69,7 @@ def test_on_a_full_disk_nothing_is_confirmed(monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(StudyFile, "append", full)
         with pytest.raises(StudyError, match="full"):
-            interview.do(actions.KeepOnPlant("new", 1))
+            interview.do(actions.KeepOnPlant(1, 1))
     assert interview.now().state.kept is None
 
 
@@ -78,9 +81,11 @@ def test_a_blind_trial_shows_values_but_nothing_that_tells_old_from_new():
         sides = tried_on_plant(now.state, now.incumbent)
         shown = trial_view(interview, now)["blind"]
         assert [side["name"] for side in shown] == ["A", "B"]
-        assert all(set(side) == {"choice", "name", "theta"} for side in shown)
-        assert not re.search("old|new|best|experiment", json.dumps(shown))
-        interview.do(actions.KeepOnPlant("B", 1))
+        assert all(set(side) == {"index", "name", "theta"} for side in shown)
+        assert not re.search(
+            "old|new|best|experiment", json.dumps([(side["name"], side["theta"]) for side in shown])
+        )
+        interview.do(actions.KeepOnPlant(shown[1]["index"], 1, blind=True))
         kept = interview.now().state.kept[2]
         assert (kept.index, kept.blind) == (sides[1], True)
         firsts.add(sides[0])
@@ -91,14 +96,42 @@ def test_the_next_blind_trial_is_in_an_order_of_its_own():
     interview, orders = finished(), set()
     for _ in range(8):
         orders.add(tried_on_plant(interview.now().state, 1))
-        interview.do(actions.KeepOnPlant("new", 1))
+        interview.do(actions.KeepOnPlant(1, 1))
     assert len(orders) == 2
+
+
+def test_what_was_seen_is_what_is_confirmed_although_the_order_is_another_one_by_now():
+    for seed in range(6):
+        interview = finished(seed)
+        seen = trial_view(interview, interview.now())["blind"][0]
+        interview.do(actions.KeepOnPlant(1, 1))  # in another window
+        interview.do(actions.KeepOnPlant(seen["index"], 1, blind=True))
+        kept = interview.now().state.kept[2]
+        assert (kept.index, kept.blind) == (seen["index"], True)
+
+
+def test_after_more_answers_with_the_same_result_the_order_is_another_one():
+    same = set()
+    for seed in range(6):
+        interview = finished(seed)
+        before = tried_on_plant(interview.now().state, 1)
+        interview.do(actions.GoOn(1))
+        after = played(interview).now()
+        assert after.incumbent == 1
+        same.add(tried_on_plant(after.state, 1) == before)
+    assert False in same
+
+
+def test_only_what_was_tried_is_confirmed():
+    interview = finished()
+    with pytest.raises(StaleError, match="experiment 3 was not tried"):
+        interview.do(actions.KeepOnPlant(2, 1))
 
 
 def test_a_result_that_is_another_one_by_now_is_not_confirmed():
     interview = finished()
     with pytest.raises(StaleError, match="another experiment is the best"):
-        interview.do(actions.KeepOnPlant("new", 2))
+        interview.do(actions.KeepOnPlant(1, 2))
 
 
 def test_without_a_better_experiment_nothing_is_offered():
@@ -110,14 +143,14 @@ def test_without_a_better_experiment_nothing_is_offered():
 
 def test_going_on_withdraws_the_confirmation():
     interview = finished()
-    interview.do(actions.KeepOnPlant("new", 1))
+    interview.do(actions.KeepOnPlant(1, 1))
     interview.do(actions.GoOn(1))
     assert interview.now().state.kept is None
 
 
 def test_a_retraction_that_makes_old_the_best_withdraws_that_new_was_confirmed():
     interview = finished()
-    interview.do(actions.KeepOnPlant("new", 1))
+    interview.do(actions.KeepOnPlant(1, 1))
     interview.do(actions.Retract(1))
     now = interview.now()
     assert (now.phase, now.incumbent, now.state.kept) == (Phase.OVER, 0, None)
@@ -125,7 +158,7 @@ def test_a_retraction_that_makes_old_the_best_withdraws_that_new_was_confirmed()
 
 def test_sheet_and_best_json_say_what_is_kept():
     kept = {"which": "old", "experiment": 1, "blind": True, "by": "Ada", "at": "2026-01-01T10:11:12+00:00"}
-    told = "Confirmed on the plant: old (experiment 1), tried blind, by Ada 2026-01-01 10:11 (UTC)."
+    told = "Confirmed on the plant: old (experiment 1), tried blind, by Ada on 2026-01-01 at 10:11 UTC."
     assert kept_text(kept) == told
     with_it = replace(toy_record(), kept=kept)
     assert told in sheet(with_it)
@@ -183,12 +216,13 @@ def test_a_process_that_is_killed_before_it_shows_what_was_confirmed(tmp_path, w
     trial = trial_view(again, again.now())
     assert trial["kept"].startswith("Confirmed on the plant: new (experiment 2)") == written
     assert (trial["kept"] == "") != written
-    again.do(actions.KeepOnPlant("old", 1))  # it can be tried again
+    again.do(actions.KeepOnPlant(0, 1))  # it can be tried again
     assert again.now().state.kept[2].index == 0
 
 
-@pytest.mark.parametrize("lines", [["x"], ["t", "x"], ["b", ""]])
+@pytest.mark.parametrize("lines", [[""], ["x", ""], ["t", ""], ["t", "kepe", ""], ["b", ""]])
 def test_the_terminal_confirms_nothing_by_itself(lines):
     interview = finished()
-    talk(interview, "", lines)
+    out = talk(interview, "", lines)
     assert interview.now().state.kept is None
+    assert ("Nothing is confirmed." in out) == (lines[0] in ("t", "b"))

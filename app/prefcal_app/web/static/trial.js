@@ -5,11 +5,11 @@ import { act } from "./flow.js";
 
 export const trial = ({ best, open, blind, kept }) => [kept ? el("p", {}, el("b", {}, kept)) : null,
   el("p", {}, "Enter old and new in turn, and confirm which of them stays on the plant."),
-  el("p", { class: "actions" }, button("Old and new", () => show(open, best), { id: "trial-open" }),
-    button("Blind: A and B", () => show(blind, best), { id: "trial-blind" }))];
+  el("p", { class: "actions" }, button("Old and new", () => show(open, best, false), { id: "trial-open" }),
+    button("Blind: A and B", () => show(blind, best, true), { id: "trial-blind" }))];
 
 // Show one side at a time. Values come in the same order and form on both, so that only they differ.
-function show(sides, best) {
+function show(sides, best, blind) {
   let at = 0;
   const place = el("div", { id: "trial-side", "aria-live": "polite" });
   const other = button(["Switch to the other ", el("kbd", {}, "O")], turn, { id: "trial-switch" });
@@ -25,9 +25,9 @@ function show(sides, best) {
     if (event.key.toLowerCase() === "o" && !event.ctrlKey && !event.altKey && !event.metaKey && !event.repeat) turn();
   }
 
-  const keep = () => act("keep_on_plant", { choice: sides[at].choice, best }, "confirmed on the plant");
+  const keep = () => act("keep_on_plant", { index: sides[at].index, best, blind }, "confirmed on the plant");
   ask("Try it on the plant", [place, el("p", {}, other)],
-    [["This one stays", keep, "primary"], ["Close, confirm nothing", null]], sides[0].choice === "A" ? "blind" : "trial");
+    [["This one stays", keep, "primary"], ["Close, confirm nothing", null]], blind ? "blind" : "trial");
   draw();
   const dialog = $("dialog");
   dialog.addEventListener("keydown", pressed);
