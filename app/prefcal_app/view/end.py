@@ -377,9 +377,16 @@ def gain_view(
         "none": f"No experiment was better than the {baseline}: experiment {best + 1} is still the best.",
         "same": best == 0,
         "table": question.table("What was gained", heads, lines, caption),
+        "first": _first(rows),
         "before": before if best and baseline != FIRST else [],
         "back": f"To go back, set the values of the {baseline}; best.json has them, too.",
     }
+
+
+def _first(rows: Sequence[Mapping[str, Any]]) -> list[int]:
+    """Return the rows that are shown before all others: the largest gains, and what they cost most."""
+    better, worse = ([k for k, row in enumerate(rows) if row["verdict"] == v] for v in ("better", "worse"))
+    return sorted(better[:3] + worse[:1]) or list(range(len(rows)))[:3]
 
 
 def gained(

@@ -46,6 +46,22 @@ def test_the_tuning_that_the_person_gave_stands_beside_the_result(baseline):
     assert gain_view(baseline, 0, [], theta)["before"] == []  # nothing was changed
 
 
+@pytest.mark.parametrize(
+    ("verdicts", "first"),
+    [
+        (["worse", "worse", "better", "better", "", "better", "better"], [0, 2, 3, 5]),
+        (["better", "better"], [0, 1]),
+        (["", "", "", ""], [0, 1, 2]),
+        (["worse", "", "worse"], [0]),
+        ([], []),
+    ],
+)
+def test_gains_and_their_largest_cost_are_shown_before_other_kpis(verdicts, first):
+    row = {"title": "a", "before": "1", "after": "2", "met": None, "change": "", "unit": "", "about": ""}
+    rows = [row | {"verdict": verdict, "objective": ""} for verdict in verdicts]
+    assert gain_view("first experiment", 1, rows, [])["first"] == first
+
+
 def row(before, after, *, kpi=None, study=()):
     first = asked()[0].past.experiment(0)
     kpi = kpi or KPI("t_f", "settling time", "h", at_most=20.0)

@@ -13,8 +13,6 @@ const REASONS = {
   stopped: "You finished the study",
 };
 
-const MOST = 3; // KPIs that are not folded
-
 const link = (words, properties) => el("a", { class: "button", ...properties }, words);
 
 export function showOver(now, act) {
@@ -34,13 +32,13 @@ const folded = (id, summary, ...parts) => el("details", { id, open: $(id)?.open 
 
 const sentences = (all) => all.map((words) => el("p", {}, symbol(words)));
 
-// Show before and after of the KPIs that changed most, and what is missed.
+// Show before and after of the KPIs that gained most and of what that cost, and what is missed.
 function gained({ gain, missed }) {
   if (!gain || !gain.table.rows.length) return null;
-  const { columns, rows } = gain.table, least = rows.slice(MOST);
+  const { columns, rows } = gain.table, most = rows.filter((_, k) => gain.first.includes(k)), least = rows.filter((_, k) => !gain.first.includes(k));
   return el("div", { class: "card gain" }, el("h3", {}, "What you got"),
-    gain.same ? el("p", {}, gain.none) : [shownTable({ columns, rows: rows.slice(0, MOST) }),
-      least.length ? folded("gain-all", `${least.length} more ${least.length > 1 ? "KPIs" : "KPI"}, which changed less`, shownTable({ columns, rows: least })) : null],
+    gain.same ? el("p", {}, gain.none) : [shownTable({ columns, rows: most }),
+      least.length ? folded("gain-all", `${least.length} more ${least.length > 1 ? "KPIs" : "KPI"}`, shownTable({ columns, rows: least })) : null],
     missed ? el("p", {}, missed) : null,
     gain.before.length ? folded("gain-back", "The way back", el("p", { class: "faint" }, gain.back), values(gain.before)) : null);
 }
