@@ -2,7 +2,7 @@
 
     python benchmarks/checks/verified.py            # all, with 299 and 3,000 plants: a quarter of an hour
     python benchmarks/checks/verified.py --quick    # one plant: seconds
-    python benchmarks/checks/verified.py --runs 100 --seeds 10 --out rows.jsonl  # as in docs/research
+    python benchmarks/checks/verified.py --runs 100 --seeds 4 --out rows.jsonl  # as in docs/research
 
 With `--out`, each comparison is a line of a file, and what is in it is not run again.
 
@@ -225,7 +225,7 @@ def main(words: Sequence[str] | None = None) -> None:
     parser.add_argument("--runs", type=int, default=RUNS, help="plants that verify draws")
     parser.add_argument("--plants", nargs="+", default=list(PROCESSES), choices=list(PROCESSES))
     parser.add_argument("--seeds", type=int, default=1, help="verifications of each tuning")
-    parser.add_argument("--out", type=Path, help="file to which lines are added, and which is gone on with")
+    parser.add_argument("--out", type=Path, help="file to append to, and to resume from")
     options = parser.parse_args(words)
     chosen, runs, others = (["lag"], 30, 300) if options.quick else (options.plants, options.runs, OTHERS)
     rows = []

@@ -6,7 +6,7 @@ from typing import Any, Protocol, Self, TypeVar
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.errors import SettingsError
+from prefcal_env.errors import PlantError, SettingsError
 from prefcal_env.experiments.experiment import Channel, Controller, Measurement
 from prefcal_env.plants.plant import Plant
 
@@ -69,7 +69,7 @@ def from_data(data: Mapping[str, Any]) -> Controller:
     name = data.get("controller")
     kind = kind_of(name)
     if kind is None:
-        raise SettingsError(f"controller must be one of {sorted(KINDS)}, got {name!r:.80}")
+        raise SettingsError(f"controller must be one of {sorted({*KINDS, 'LinearMPC'})}, got {name!r:.80}")
     if _holds_truth(data):  # numpy would read true as 1
         raise SettingsError(f"the data of a {name} do not fit: they must be numbers, got true or false")
     try:
@@ -77,7 +77,7 @@ def from_data(data: Mapping[str, Any]) -> Controller:
         return kind.of_data({k: v for k, v in data.items() if k != "controller"})
     except KeyError as error:
         raise SettingsError(f"the data of a {name} do not fit: {error} is missing") from error
-    except (TypeError, IndexError, AttributeError, ValueError, OverflowError) as error:
+    except (TypeError, IndexError, AttributeError, ValueError, OverflowError, PlantError) as error:
         raise SettingsError(f"the data of a {name} do not fit: {error!s:.200}") from error
 
 

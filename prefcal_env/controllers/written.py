@@ -36,7 +36,9 @@ _WIDEST = 1e38  # stands for no limit, which neither language has a number for; 
 
 def languages_of(settings: Mapping[str, Any]) -> tuple[str, ...]:
     """Return the languages of `as_code` for the controller that `settings` describe; () if there are none."""
-    return _WRITES.get(str(settings.get("controller")), ())
+    kind = str(settings.get("controller"))
+    described = kind != "LinearMPC" or "model" in settings  # else a scenario's own word for what it makes
+    return _WRITES.get(kind, ()) if described else ()
 
 
 def as_code(
@@ -46,7 +48,7 @@ def as_code(
 
     A PID becomes a function block of IEC 61131-3 structured text or a C function; several PIDs, one each;
     LQR, LQG and the MPC of a linear plant, a C function. All memory is fixed, and C needs no library; the
-    MPC needs math.h.
+    MPC needs that of math.h (-lm).
 
     Args:
         controller: PID, `Decentralized`, `LQR`, `LQG` or `LinearMPC`.
@@ -130,10 +132,18 @@ def _taken(controller: Controller) -> set[str]:
     return {*types, *_WORDS.split(), *re.findall(r"[a-z]\w*", code), *turned}
 
 
+# What math.h defines beside the functions in `_WORDS`: those for other floats, comparisons and constants.
+_MATH = re.compile(
+    rf"({'|'.join(_WORDS.split())})[fl]|is(less|greater|unordered)\w*|(m|fp|huge|math)_\w+|infinity|y0|finite|"
+    "drem|significand|signgam|double_t|float_t"
+)
+
+
 def _check_name(name: str, controller: Controller) -> None:
     plain, low = re.fullmatch(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*", name), name.lower()
     # VAR_INPUT, END_IF and so on: systems have more of them than the standard.
-    if plain is None or low.startswith(("var_", "end_")) or low in _taken(controller):
+    taken = low in _taken(controller) or (_is_mpc(controller) and _MATH.fullmatch(low) is not None)
+    if plain is None or low.startswith(("var_", "end_")) or taken:
         raise SettingsError(
             "the name of a controller's code must be letters, digits and single underscores, start with a "
             "letter, and be no word of C or structured text and no name within the program, "
@@ -498,7 +508,9 @@ static inline void ${name}_turn(double *one, double *other, double c, double s)
 
 /* Write the inputs into u. Return 0; else it is acted, held, because 1: no move keeps the limits,
    2: $most iterations were not enough, 3: a number that was given is not finite.
-   automatic: 0 is manual. Then u is hand, within the limits, and the way back is bumpless.
+   automatic: 0 is manual. Then u is hand, within the limits, and nothing winds up. Back in automatic it
+   starts from acted, but moves at once if r is not y: let r follow y in manual, or limit the moves.
+   With 3, u may be no number: do not write it. Link with -lm.
    r: references of the outputs, constant over the horizon. x: states. acted: inputs since the last call. */
 static inline int $name(${name}_state *m, int automatic, const double *hand, const double *r,
     const double *x, const double *acted, double *u)
@@ -515,6 +527,9 @@ $constants
     }
     for (i = 0; i < NP && automatic; i++) {
         if (m->p[i] - m->p[i] != 0.0) return 3;
+    }
+    for (i = 0; i < NU && !automatic; i++) {
+        if (u[i] - u[i] != 0.0) return 3;
     }
     if (!automatic) return 0;
     for (i = 0; i < M; i++) {
@@ -634,6 +649,8 @@ $constants
 
 def _mpc(mpc: "LinearMPC", channels: Channels, name: str, about: str) -> str:
     qp, s = mpc.condensed(), mpc.settings
+    if s.backend != "active-set":  # another solver, whose iterations are others
+        raise SettingsError(f"C has the method of backend 'active-set' only, got {s.backend!r}")
     (m, n), p = qp.G.shape, len(qp.base)
     n_x, n_u, n_y = len(mpc.plant.states), len(qp.du_min), len(mpc.plant.outputs)
     sizes = {"NX": n_x, "NU": n_u, "NP": p, "NI": s.N_u * n_u, "N": n, "M": m}

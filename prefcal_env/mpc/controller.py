@@ -253,7 +253,7 @@ class LinearMPC:
         self._equations.check()
         return _nearest(*rows_of_qp)
 
-    def condensed(self) -> "Condensed":
+    def condensed(self) -> Condensed:
         """Return the QP of every step, as it follows from x, u and y_ref, if the model is linear.
 
         Raises:
@@ -289,7 +289,7 @@ class LinearMPC:
         how, _, _, U, G, _, high = kernels.decide(*self._data(m), *self._problem, self._solver)
         self._equations.check()
         if how == kernels.NOT_TRUSTED:
-            raise SettingsError("the soft limits of this MPC cannot be trusted: its model grows too fast")
+            raise SettingsError("the QP of this MPC cannot be trusted: its model grows too fast")
         free = U[:, :, -1]
         of_inputs = np.concatenate([free.ravel(), np.diff(free, axis=0).ravel()])
         soft = np.append(-high[len(of_inputs) : -1], 0.0) if len(high) > len(of_inputs) else np.zeros(0)
@@ -328,6 +328,8 @@ class LinearMPC:
         """Return the MPC that `as_data` describes. Raises SettingsError or KeyError for other data."""
         model, settings = data["model"], dict(data["settings"])
         D = np.array(model["D"], dtype=float)
+        if D.ndim != 2:
+            raise SettingsError(f"D must be a matrix, a row for each output, got shape {D.shape}")
         n_x, (n_y, n_u) = len(model["A"]), D.shape
         shapes = {"A": (n_x, n_x), "B": (n_x, n_u), "C": (n_y, n_x)}
         A, B, C = (matrix(name, model[name], shape) for name, shape in shapes.items())

@@ -29,8 +29,8 @@ class Tolerances:
                 raise SettingsError(
                     f"{name} QP tolerance must be in [0, 1) and not both may be 0, got {getattr(self, name)}"
                 )
-        if self.max_iterations < 1:
-            raise SettingsError(f"max_iterations must be 1 or more, got {self.max_iterations}")
+        if not isinstance(self.max_iterations, int) or self.max_iterations < 1:
+            raise SettingsError(f"max_iterations must be a whole number of 1 or more: {self.max_iterations}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -525,6 +525,7 @@ class State:
         ended: Why the study is over; None while it is not.
         concluded: What was said of the result; None while it is not, and once the record is another one.
         kept: Number, time and event that says what stays on the plant; None as `concluded`.
+        confirmed: How often that was said, withdrawn or not.
         reopened: Whether it was over before, and went on.
     """
 
@@ -542,6 +543,7 @@ class State:
     ended: str | None = None
     concluded: Mapping[str, Any] | None = None
     kept: tuple[int, str, Kept] | None = None
+    confirmed: int = 0
     reopened: bool = False
 
     @property
@@ -760,7 +762,7 @@ def _concluded(state: State, seq: int, _at: str, event: Concluded) -> State:
 def _kept(state: State, seq: int, at: str, event: Kept) -> State:
     _require(state.ended is not None, seq, "the study is not over")
     _require(event.index in state.finished, seq, f"there is no experiment of sample {event.index}")
-    return replace(state, kept=(seq, at, event))
+    return replace(state, kept=(seq, at, event), confirmed=state.confirmed + 1)
 
 
 def _reopened(state: State, _seq: int, _at: str, _event: Reopened) -> State:

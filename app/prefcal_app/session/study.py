@@ -507,14 +507,12 @@ def challenger_left(seed: int, challenger: int, further: int | None = None) -> b
 def tried_on_plant(state: State, best: int | None) -> tuple[int, int] | None:
     """Return the experiments A and B of a blind trial: the first one and the best, in random order.
 
-    None if they are the same. After each confirmation and answer, the order is drawn anew: what was
-    confirmed is told, and with it the order.
+    None if they are the same. After each confirmation the order is drawn anew, also if it was
+    withdrawn: what was confirmed is told, and with it the order.
     """
     if not best:
         return None
-    latest = 0 if state.kept is None else state.kept[0]
-    told = (best, latest, len(state.answers))
-    drawn = np.random.default_rng([int(state.configuration["seed"]), *told, _TRIALS])
+    drawn = np.random.default_rng([int(state.configuration["seed"]), best, state.confirmed, _TRIALS])
     return (0, best) if drawn.random() < 0.5 else (best, 0)
 
 

@@ -118,7 +118,7 @@ class _Conversation:
                 self.interview.do(actions.KeepOnPlant(side["index"], trial["best"], kind == "blind"))
                 return self._say(kept_text(kept_on_plant(self.interview.now().state)))
             if not said:
-                return self._say("Nothing is confirmed.")
+                return self._say("Nothing more is confirmed.")
             at = 1 - at
         return None
 

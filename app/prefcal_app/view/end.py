@@ -320,12 +320,14 @@ def over_view(
 
 
 def reasons(interview: Interview) -> list[str]:
-    """Return why this experiment is the result, in a few sentences."""
+    """Return why this experiment is the result, in a few sentences; none if there is none."""
+    if interview.now().incumbent is None:
+        return []
     outlook, found = interview.known.outlook, interview.known.findings
     said = [] if outlook is None else [outlook.unbeaten]
     if found is not None and found.explained:
         said += [wanted(dict(found.wishes), interview.scenario), carried_by(found.decisive)]
-    # Without an answer that speaks against it: that would be in `unbeaten`.
+    # If an answer speaks against the result, `unbeaten` says so.
     return [*filter(None, said)] or ["No experiment that was compared is better by what was answered."]
 
 
@@ -544,6 +546,7 @@ def trial_view(interview: Interview, now: Now) -> dict[str, Any] | None:
     """Return what to enter on a rig to try old and new, openly and blind; None if it cannot be tried.
 
     θ is shown in a blind trial, too, since somebody has to enter it; KPIs and numbers are not.
+    The page does not draw `index`.
     """
     blind = tried_on_plant(now.state, now.incumbent)
     if "keep_on_plant" not in now.can or blind is None:

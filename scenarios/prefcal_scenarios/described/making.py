@@ -197,6 +197,8 @@ def controller_of(settings: Mapping[str, Any]) -> Controller | None:
     kind = settings.get("controller")
     for word in (word for word, controller in CONTROLLERS.items() if controller == kind):
         _maker(word)  # its module says how the data are read
+    if kind == "LinearMPC" and "model" not in settings:  # the scenario's own word for what it makes
+        return None
     return None if kind_of(kind) is None else from_data(settings)
 
 

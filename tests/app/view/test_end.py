@@ -6,14 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_app.session import Choice
+from prefcal_app.session import Choice, actions
 from prefcal_app.summary import Spread
 from prefcal_app.view import now_view
 from prefcal_app.view.end import baseline_of, gain_view, gained
 from prefcal_env import PID
 from prefcal_env.controllers import as_data
 from prefcal_scenarios.scenario import KPI
+from support.interviews import begin
 from support.looks import asked
+from toy_study import toy_scenario
 
 
 def over(tmp_path=None, choice=Choice.LEFT):
@@ -44,6 +46,12 @@ def test_the_tuning_that_the_person_gave_stands_beside_the_result(baseline):
     assert f"To go back, set the values of the {baseline}" in found["back"]
     assert gain_view("first experiment", best, [], theta)["before"] == []  # it was in no plant
     assert gain_view(baseline, 0, [], theta)["before"] == []  # nothing was changed
+
+
+def test_without_a_result_there_is_no_reason_for_one():
+    interview = begin(toy_scenario(), n_max=3)
+    interview.do(actions.Finish())
+    assert now_view(interview)["over"]["why"] == []
 
 
 @pytest.mark.parametrize(

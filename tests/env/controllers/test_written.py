@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 
 from prefcal_env import LQG, LQR, PID, Channel, FunctionPlant, LinearMPC, MPCSettings, Plant
 from prefcal_env.controllers import Decentralized, Linearized, as_code, as_data, from_data
+from prefcal_env.controllers.written import languages_of
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Channels, Controller, Measurement
 from prefcal_env.qp import Tolerances
@@ -419,6 +420,7 @@ def test_an_mpc_in_c_that_decides_nothing_holds_the_input_and_says_why(tmp_path:
     assert step(True, zero, np.full(1, np.nan), zero, held) == (held, 3)
     assert step(True, zero, zero, np.full(1, np.inf), held) == (held, 3)
     assert step(False, far, zero, np.full(1, np.nan), held) == (1.0, 0)
+    assert step(False, np.full(1, np.nan), zero, zero, held)[1] == 3
     assert step(True, far, zero, zero, zero)[1] == 0
 
 
@@ -435,6 +437,41 @@ def test_a_number_in_the_data_of_an_mpc_is_no_matrix() -> None:
     data["model"]["B"] = 3
     with pytest.raises(SettingsError, match=r"B must have shape \(1, 1\), got \(\)"):
         from_data(data)
+
+
+@pytest.mark.parametrize(
+    ("part", "changes", "words"),
+    [
+        ("settings", {"tolerances": {"absolute": 0.1, "relative": 0.1, "max_iterations": 10.5}}, "10.5"),
+        ("model", {"D": []}, "D must be a matrix"),
+        ("model", {"rest": [[1.0, 2.0], [0.0]]}, "the data of a LinearMPC do not fit"),
+    ],
+)
+def test_what_does_not_fit_in_the_data_of_an_mpc_is_one_line(
+    part: str, changes: dict[str, Any], words: str
+) -> None:
+    data = as_data(LinearMPC(LAG, MPCSettings(0.2, 3, 1, [[1.0]], [[1.0]])))
+    data[part] |= changes
+    with pytest.raises(SettingsError, match=words) as refused:
+        from_data(data)
+    assert "\n" not in str(refused.value)
+
+
+def test_data_without_a_model_are_a_word_of_a_scenario_and_have_no_code() -> None:
+    assert languages_of({"controller": "LinearMPC", "Q_y": 1.0}) == ()
+
+
+@pytest.mark.parametrize("name", ["INFINITY", "isless", "fabsf", "sinl", "M_PI", "FP_NAN", "y0", "finite"])
+def test_a_name_of_the_library_that_an_mpc_includes_is_refused(name: str) -> None:
+    mpc = LinearMPC(LAG, MPCSettings(0.2, 3, 1, [[1.0]], [[1.0]]))
+    with pytest.raises(SettingsError, match="name of a controller's code"):
+        as_code(mpc, "c", NAMED, name=name)
+
+
+def test_an_mpc_that_another_solver_solves_is_not_written() -> None:
+    mpc = LinearMPC(LAG, MPCSettings(0.2, 3, 1, [[1.0]], [[1.0]], backend="piqp"))
+    with pytest.raises(SettingsError, match="'active-set' only"):
+        as_code(mpc, "c", NAMED)
 
 
 def test_an_mpc_of_another_plant_says_why_it_has_neither_code_nor_data() -> None:

@@ -22,7 +22,7 @@ from prefcal_scenarios.described.description import (
     words_of,
     words_to_resume,
 )
-from prefcal_scenarios.described.making import plant_at
+from prefcal_scenarios.described.making import controller_of, plant_at
 from prefcal_scenarios.names import is_own
 
 OVEN = """
@@ -337,6 +337,10 @@ class Switch:
     @classmethod
     def of_data(cls, data):
         return cls(**data)
+
+
+def test_a_linear_mpc_without_its_model_is_a_word_of_the_scenario():
+    assert controller_of({"controller": "LinearMPC", "Q_y": 1.0}) is None
 
 
 def test_a_controller_of_another_file_is_stored_once_its_row_is_there(monkeypatch):

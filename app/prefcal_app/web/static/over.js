@@ -44,6 +44,7 @@ function gained({ gain, missed }) {
 }
 
 function reasons({ why, decisive }) {
+  if (!why.length) return null;
   const again = () => {
     showNext(decisive);
     open("history");
