@@ -3,7 +3,7 @@
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 from math import exp, expm1, isfinite
 from typing import Any
@@ -441,14 +441,7 @@ class PlantEnv(gym.Env[Array, Array]):
         late = self.task.jitter * int(self.np_random.integers(-1, 2)) if self.task.jitter else 0.0
         t = instants(self._t, (self._steps + late) * self._T_s, self.task.dense_step)
         held, parts = self._move_actuators(u, t)
-
-        def hold(x: X, start: float, after: Times) -> States:
-            acting = parts[-1][1] if start >= parts[-1][0] else parts[0][1]
-            if self._dead_time is None:
-                return self.plant.hold(x, acting, d, after - start)
-            return self._dead_time.hold(x, acting, d, np.concatenate([[start], after]))
-
-        later = piecewise(hold, self._x, t, [start for start, _ in parts[1:]])
+        later = piecewise(partial(self._hold, parts, d), self._x, t, [start for start, _ in parts[1:]])
         x = np.concatenate([self._x[None], later])
         kept, stopped = self._survived(x)
         if stopped:
@@ -551,6 +544,15 @@ class PlantEnv(gym.Env[Array, Array]):
                 f"{self.plant.time_unit} of plant {self.plant.name!r}, got {found:g}"
             )
         return found
+
+    def _hold(
+        self, parts: Sequence[tuple[float, U]], d: D, x: X, start: float, after: Times
+    ) -> Float[np.ndarray, "M n_x"]:
+        """Return the states at `after` from x at `start`, with what acts from then on held."""
+        acting = parts[-1][1] if start >= parts[-1][0] else parts[0][1]
+        if self._dead_time is None:
+            return self.plant.hold(x, acting, d, after - start)
+        return self._dead_time.hold(x, acting, d, np.concatenate([[start], after]))
 
     def _move_actuators(self, u: U, t: Times) -> tuple[U, list[tuple[float, U]]]:
         """Move the actuators towards `u` over a period.
