@@ -144,6 +144,8 @@ class Margins:
         M_s: Maximum sensitivity, max σ(S).
         disk: Disk margin α, 0 to 2 and more.
         loop: Response that they were read from; None for an unstable loop.
+        place: Where the plant was linearized, in words; "" if it is the same everywhere, or not said.
+        target: Margins where the task ends, of a plant that is not linear and can rest there.
     """
 
     gain: float
@@ -153,6 +155,8 @@ class Margins:
     M_s: float
     disk: float
     loop: OpenLoop | None = field(default=None, repr=False, compare=False)
+    place: str = field(default="", repr=False, compare=False)
+    target: "Margins | None" = field(default=None, repr=False, compare=False)
 
 
 UNSTABLE = Margins(1.0, 1.0, 0.0, 0.0, np.inf, 0.0)

@@ -185,6 +185,19 @@ class VariedLoop:
         return float(min(slowest or np.inf, horizon / 20))
 
     @property
+    def ended(self) -> Task | None:
+        """Return the task at rest at its last reference; None if the plant cannot rest there.
+
+        A linear plant is the same everywhere, so for it there is none either.
+        """
+        task, d = self.task, self.task.disturbance(0.0)
+        if isinstance(getattr(self.plant, "plant", self.plant), LinearPlant):
+            return None
+        aims, chosen = task.reference(task.horizon), list(tracked_of(task)[: len(self.plant.inputs)])
+        found = rest(self.plant, task.x0, task.u0, d, chosen, aims[chosen].tolist())
+        return None if found is None else replace(task, x0=found[0], u0=found[1], y_ref=aims)
+
+    @property
     def start(self) -> Y:
         """Outputs at the start, shape (n_y,)."""
         return np.asarray(self.plant.g(self.task.x0, self.task.u0, self.task.disturbance(0.0)))

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
 
@@ -12,10 +12,11 @@ from scipy.special import betaincinv
 
 from prefcal_env.controllers.margins import UNCONSTRAINED, UNSTABLE, Margins, margins
 from prefcal_env.disk import digest_of, write_durably
+from prefcal_env.envs.task import Task
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import End
 from prefcal_env.plain import from_plain, to_plain
-from prefcal_env.sources.source import Varied
+from prefcal_env.sources.source import KnownLoop, Varied
 from prefcal_env.sources.varied import Factor, LeftOut
 from prefcal_scenarios.runs import HasKPIs
 from prefcal_scenarios.scenario import KPI, Scenario
@@ -72,13 +73,44 @@ UNKNOWN = "no margins: the plant is not known as equations, so it cannot be line
 
 
 def margins_at(known: Varied, theta: Float[np.ndarray, " n"]) -> Margins | str:
-    """Return the margins of a physical θ, shape (n,), where the study starts, or why there are none."""
-    if known.loop is None:
+    """Return the margins of a physical θ, shape (n,), where the study starts, or why there are none.
+
+    Those of a plant that is not linear say where that is, and hold the margins at the target, too.
+    """
+    if (loop := known.loop) is None:
         return UNKNOWN
     try:
-        return margins(known.loop.plant, known.loop.task, partial(known.loop.controller, theta))
+        start = _margins_of(loop, loop.task, theta)
     except Exception as error:  # people's own plants and controllers can raise anything
         return f"no margins: {error}"
+    try:
+        target = loop.ended and _margins_of(loop, loop.ended, theta)
+    except Exception:  # such as an input that would be at a limit there
+        target = None
+    # The same to the last printed digit: the plant is linear, or did not move.
+    if target is None or _by_kpi(target) == _by_kpi(start):
+        return replace(start, place="")
+    return replace(start, target=target)
+
+
+def _margins_of(loop: KnownLoop, task: Task, theta: Float[np.ndarray, " n"]) -> Margins:
+    """Return the margins where a task starts, and that place in words."""
+    y = loop.plant.g(task.x0, task.u0, task.disturbance(0.0))
+    channels = *loop.plant.outputs, *loop.plant.inputs
+    at = (f"{c.name} {quantity(v, c.unit)}" for c, v in zip(channels, [*y, *task.u0], strict=True))
+    found = margins(loop.plant, task, partial(loop.controller, theta))
+    return replace(found, place=", ".join(at))
+
+
+def _by_kpi(m: Margins) -> dict[str, float]:
+    """Return margins by the names of the KPIs that they are, rounded as they are printed."""
+    return {
+        "M_s": _sensitivity(m),
+        "gain_margin": min(_decibels(min(m.gain, 1 / max(m.gain_reduction, 1e-9))), 60.0),
+        "phase_margin": _phase(m),
+        "delay_margin": float(f"{m.delay:.3g}"),
+        "disk_margin": _disk(m),
+    }
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,21 +232,28 @@ class Verification:
     @property
     def margin_verdict(self) -> str:
         """Return whether the nominal loop keeps the limits on margins, or usual ones; "" without margins."""
-        found, nominal = self.tuning.margins, self.tuning.nominal.kpis
+        found = self.tuning.margins
         if found == UNSTABLE:
             return "The nominal loop is not stable: it has no margins."
-        stated = [kpi for kpi in self.kpis if kpi.margin and kpi.met(0.0) is not None]
-        said = [_kept_margin(kpi, kpi.read(nominal[kpi.name])) for kpi in stated if kpi.name in nominal]
+        said = self._stated_margins(self.tuning.nominal.kpis)
+        target = None if isinstance(found, str) else found.target
+        if target == UNSTABLE:
+            there = " At its target, it is NOT STABLE."
+        elif said:
+            kept = self._stated_margins(_by_kpi(target)) if target else ""
+            there = f" At its target: {kept}." if kept else ""
+        else:
+            there = f" At its target, it {_usual_margins(target)}." if target else ""
         if said or isinstance(found, str):
-            return f"Margins of the nominal loop: {'; '.join(said)}." if said else ""
-        gain = _decibels(min(found.gain, 1 / max(found.gain_reduction, 1e-9)))
-        M_s, phase = _sensitivity(found), _phase(found)  # as they are printed
-        pairs = (("M_s ≤ 2", M_s <= 2), ("gain ≥ 6 dB", gain >= 6), ("phase ≥ 30°", phase >= 30))
-        missed = [words for words, kept in pairs if not kept]
-        usual, has = ", ".join(words for words, _ in pairs), "has them all"
-        if missed:
-            has = f"does not have {' or '.join(missed)}"
-        return f"No limit on a margin is stated. Usual are {usual}: the nominal loop {has}."
+            return f"Margins of the nominal loop: {said}.{there}" if said else ""
+        usual = ", ".join(words for words, *_ in _USUAL)
+        has = _usual_margins(found)
+        return f"No limit on a margin is stated. Usual are {usual}: the nominal loop {has}.{there}"
+
+    def _stated_margins(self, values: Mapping[str, float]) -> str:
+        """Return whether margins by KPI keep the limits that are stated; "" without any."""
+        stated = [kpi for kpi in self.kpis if kpi.margin and kpi.met(0.0) is not None and kpi.name in values]
+        return "; ".join(_kept_margin(kpi, kpi.read(values[kpi.name])) for kpi in stated)
 
     @property
     def advice(self) -> tuple[str, ...]:
@@ -305,6 +344,21 @@ def problems_of(kpis: Sequence[KPI], result: HasKPIs, nominal: HasKPIs | None) -
 
 def _miss_words(kpi: KPI) -> str:
     return f"{kpi.title} misses its objective"
+
+
+_USUAL = (
+    ("M_s ≤ 2", "M_s", -2.0),
+    ("gain ≥ 6 dB", "gain_margin", 6.0),
+    ("phase ≥ 30°", "phase_margin", 30.0),
+)
+"""Limits of margins that are usual, in words, with the KPI; a negative one is the largest value."""
+
+
+def _usual_margins(m: Margins) -> str:
+    """Return which of the usual limits a loop misses, in words after its name."""
+    values = _by_kpi(m)
+    missed = [words for words, name, least in _USUAL if values[name] * np.sign(least) < least]
+    return f"does not have {' or '.join(missed)}" if missed else "has them all"
 
 
 def _kept_margin(kpi: KPI, value: float) -> str:
@@ -502,7 +556,11 @@ def margins_said(found: Sequence[Margins | str], time_unit: str) -> tuple[tuple[
     if isinstance(first, str):
         return (), first
     stable = "; this loop is NOT STABLE" if first == UNSTABLE else ""
-    return tuple(_margin_rows(found, time_unit)), f"margins of {UNCONSTRAINED}{stable}"
+    there = ""
+    if (target := first.target) is not None:
+        rows = ", ".join(f"{name} {value}" for name, value in _margin_rows([target], time_unit))
+        there = f" ({first.place}); at its target ({target.place}): {rows}"
+    return tuple(_margin_rows(found, time_unit)), f"margins of {UNCONSTRAINED}{stable}{there}"
 
 
 def _margin_rows(found: Sequence[Margins | str], time_unit: str) -> Iterator[tuple[str, ...]]:
@@ -515,7 +573,7 @@ def _margin_rows(found: Sequence[Margins | str], time_unit: str) -> Iterator[tup
         ("phase margin [°]", lambda m: number(_phase(m))),
         (labeled("delay margin", time_unit), lambda m: number(m.delay)),
         ("maximum sensitivity M_s", lambda m: number(_sensitivity(m))),
-        ("disk margin", lambda m: number(round(m.disk, 3))),
+        ("disk margin", lambda m: number(_disk(m))),
     ):
         yield name, *(read(m) if isinstance(m, Margins) else number(None) for m in found)
 
@@ -535,6 +593,10 @@ def _phase(m: Margins) -> float:
 
 def _sensitivity(m: Margins) -> float:
     return round(m.M_s, 2)
+
+
+def _disk(m: Margins) -> float:
+    return round(m.disk, 3)
 
 
 def _range(factor: Factor) -> str:

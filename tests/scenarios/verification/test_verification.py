@@ -34,7 +34,7 @@ from prefcal_scenarios.described.lqr_scenario import lqr_scenario
 from prefcal_scenarios.described.pid_scenario import pid_scenario
 from prefcal_scenarios.names import CLOSED_LOOPS
 from prefcal_scenarios.verification import verify
-from prefcal_scenarios.verification.result import BEST, FILE, Verified, VerifiedRun, WorstRun
+from prefcal_scenarios.verification.result import BEST, FILE, Verified, VerifiedRun, WorstRun, margins_said
 from prefcal_scenarios.verification.varied_runs import Perturbed, runs_kept
 from support.varied_loops import (
     assert_it_starts_at_rest_where_the_study_does,
@@ -408,6 +408,45 @@ def test_usual_margins_are_offered_where_none_is_limited_and_an_unstable_loop_is
     assert verdicts[2] == "The nominal loop is not stable: it has no margins."
     (M_s,) = (kpi for kpi in scenario.kpis if kpi.margin)
     assert (M_s.name, M_s.at_most) == ("M_s", 2.0)
+
+
+def test_margins_of_a_plant_that_is_not_linear_are_those_of_the_target_too():
+    level, valve = Channel("level", "m"), Channel("valve", "%", low=0, high=100)
+    tank = FunctionPlant(lambda x, u, d: [0.004 * u[0] - 0.1 * x[0] ** 0.5], states=[level], inputs=[valve])
+
+    class Proportional:
+        T_s = 20.0
+
+        def move(self, m):
+            return Move(25.0 + 13.0 * (m.y_ref - m.y))
+
+    def verified(plant):
+        task = Task(x0=np.ones(1), u0=np.full(1, 25.0), y_ref=np.full(1, 4.0), horizon=400.0)
+        loop = ClosedLoop(PlantEnv(plant, task), lambda theta: Proportional())
+        return verify(loop, np.ones(1), runs=1, jobs=1)
+
+    found = verified(tank)
+    for at, h in ((found.tuning.margins, 1.0), (found.tuning.margins.target, 4.0)):
+        # By hand: L(z) = K b / (z - a) is at its worst at z = -1.
+        rate = 0.05 / h**0.5
+        a = np.exp(-20 * rate)
+        gain = (1 + a) * rate / (13 * 0.004 * (1 - a))
+        assert at.gain == pytest.approx(gain, rel=1e-6)
+        assert at.M_s == pytest.approx(1 / (1 - 1 / gain), rel=1e-6)
+    assert found.margin_verdict == (
+        "No limit on a margin is stated. Usual are M_s ≤ 2, gain ≥ 6 dB, phase ≥ 30°: the nominal loop has "
+        "them all. At its target, it does not have M_s ≤ 2 or gain ≥ 6 dB."
+    )
+    rows, basis = margins_said([found.tuning.margins], "s")
+    assert rows[0] == ("gain margin [dB]", "6.36")
+    assert "operating point (level 1 m, valve 25 %); at its target (level 4 m, valve 50 %): gain" in basis
+    assert basis.count("5.86") == 1
+    # Nothing is said twice of a plant that is the same everywhere, also if only its equations are known.
+    line = FunctionPlant(lambda x, u, d: [0.004 * u[0] - 0.05 * x[0] - 0.05], states=[level], inputs=[valve])
+    same = verified(line)
+    assert same.tuning.margins.target is None
+    assert margins_said([same.tuning.margins], "s")[1].endswith("operating point")
+    assert "target" not in same.margin_verdict
 
 
 def test_margins_as_kpis_are_those_of_the_varied_plant():
