@@ -128,7 +128,8 @@ class VariedLoop:
         if self._noisy:
             yield Factor.around(NOISE, "sensor", _WEAR, possible=NOT_NEGATIVE)
         else:
-            yield Factor(NOISE, "sensor", 0.0, 0.0, _NOISE, "of the step", possible=NOT_NEGATIVE)
+            most, told = self._usual_noise
+            yield Factor(NOISE, "sensor", 0.0, 0.0, most, "of the step", possible=NOT_NEGATIVE, told=told)
         if self.wears:
             yield Factor(GRAIN, "sensor", 0.0, 0.0, _GRAIN, "of the step", possible=NOT_NEGATIVE)
         yield Factor(BIAS, "sensor", 0.0, -_BIAS, _BIAS, "of the step")
@@ -158,6 +159,15 @@ class VariedLoop:
     @property
     def _noisy(self) -> bool:
         return self.task.noise is not None and bool(np.any(self.task.noise))
+
+    @property
+    def _usual_noise(self) -> tuple[float, str]:
+        """Return the largest noise of sensors without any, as a share of the step, and what it follows from."""
+        sample, step = sample_of(self.plant), self._step.max(initial=0.0)
+        found = float(f"{sample.noise / step:.2g}") if sample and step else 0.0
+        if sample is None or found <= _NOISE:
+            return _NOISE, ""
+        return found, f"identified: the noise of {sample.record}"
 
     @property
     def _loaded(self) -> bool:

@@ -417,6 +417,7 @@ class Sample:
     best: int  # number of the study's one
     record: str  # name of the record
     told: str  # what it leaves open, for people
+    noise: float = 0.0  # standard deviation of the noise in its output
 
 
 class LinearPlant:

@@ -118,6 +118,7 @@ class Found:
     limits: tuple[float, float]  # what the input may reach
     best: int  # number of the most probable model
     models: tuple[Model, ...]  # those that are easiest to control first
+    noise: float = 0.0  # standard deviation of what the best model leaves of the output
 
     @classmethod
     def of(cls, path: Path, test: StepTest, found: Identified, limits: tuple[float, float] | None) -> "Found":
@@ -138,6 +139,7 @@ class Found:
             limits=_limits(test.input, test.u, limits),
             best=found.best,
             models=found.models,
+            noise=found.noise,
         )
 
     @classmethod
@@ -190,7 +192,7 @@ class Found:
             name=f"{names} ({about})",
             time_unit=self.time_unit,
         )
-        return plant.among(Sample(systems, self.best, self.record, self.told))
+        return plant.among(Sample(systems, self.best, self.record, self.told, self.noise))
 
 
 def ends(low: float, high: float) -> tuple[str, str]:

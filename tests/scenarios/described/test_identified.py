@@ -18,7 +18,7 @@ from prefcal_scenarios.described.making import plant_at
 from prefcal_scenarios.names import KEPT_PLANT
 from prefcal_scenarios.own import files_of, fingerprint
 from prefcal_scenarios.verification import verify
-from support.step_tests import ROWS, T, U, response, table
+from support.step_tests import NOISE, ROWS, T, U, response, table
 
 
 @pytest.fixture(scope="module")
@@ -194,6 +194,12 @@ def test_a_verification_names_the_record_and_what_it_leaves_open(record, plant):
     assert found.factors[0].name == "plant identified from step.csv"
     assert {run.values[found.factors[0].name] for run in found.runs} <= {float(k) for k in range(1, 301)}
     assert "dead time" not in {name for name, _ in found.left_out}
+    # Its sensor is as noisy as the record is, where that is more than usual.
+    noise = next(factor for factor in found.factors if factor.name == "noise")
+    step = abs(scenario.run(scenario.references["robust"]).y_ref[0] - 52)
+    assert noise.high == pytest.approx(NOISE / step, rel=0.2)
+    assert noise.high > 0.002
+    assert noise.told == "identified: the noise of step.csv"
 
 
 def test_intervals_are_told_with_a_digit_more_where_their_ends_read_alike():
