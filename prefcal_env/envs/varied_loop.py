@@ -162,7 +162,7 @@ class VariedLoop:
 
     @property
     def _usual_noise(self) -> tuple[float, str]:
-        """Return the largest noise of sensors without any, as a share of the step, and what it follows from."""
+        """Return the largest noise of sensors without any, as a share of the step, and its reason."""
         sample, step = sample_of(self.plant), self._step.max(initial=0.0)
         found = float(f"{sample.noise / step:.2g}") if sample and step else 0.0
         if sample is None or found <= _NOISE:

@@ -1,6 +1,7 @@
 """Whatever turns θ into an experiment, one run of it, and the sources that are functions of θ."""
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import partial
@@ -13,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.arrays import is_number
-from prefcal_env.errors import ExperimentError, ScenarioError
+from prefcal_env.errors import ExperimentError, PrefcalError, ScenarioError
 from prefcal_env.experiments.experiment import Channel, Channels, Experiment, KPIs
 from prefcal_env.experiments.kpis import conversion_of
 from prefcal_env.experiments.panels import MEAN, check_channels, check_name, combined, named
@@ -535,6 +536,10 @@ def env_of(source: Source) -> Any:
 def plant_of(source: Source) -> Plant | None:
     """Return the plant of a source that is a closed loop, the nominal one; None for any other source."""
     found: Plant | None = getattr(env_of(source), "plant", None)
+    if found is None:
+        with suppress(PrefcalError):  # what cannot be varied has no plant that is known
+            loop = source.varied().loop  # of a function that makes its environment anew for each run
+            return None if loop is None else loop.plant
     return found
 
 

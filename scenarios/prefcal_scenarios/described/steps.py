@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from prefcal_env.controllers.stored import as_data
 from prefcal_env.envs.closed_loop import ClosedLoop
-from prefcal_env.envs.plant_env import PlantEnv
+from prefcal_env.envs.plant_env import PlantEnv, delays_of
 from prefcal_env.envs.task import StepSignal, Task
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.events import entry_time
@@ -318,7 +318,8 @@ def _brief(plant: Plant, design: Design) -> str:
         said.append(f"The reference of {y.name} steps from {loop.start:.4g} to {target} {when}.")
     loads = [(f"{p.load:g} {p.channel.unit}".rstrip(), p.channel.name) for p in design.loops]
     acting = ", ".join(f"{load} on {name}" for load, name in loads)
-    said.append(f"From {len(design.loops) * phase:.4g} {time} on a load acts: {acting}.")
+    behind = " It sets in behind the dead time of the input." if any(delays_of(plant)[0]) else ""
+    said.append(f"From {len(design.loops) * phase:.4g} {time} on a load acts: {acting}.{behind}")
     said.append(f"The controller moves every {design.T_s:g} {time}.")
     for loop in design.loops:
         c, own = loop.channel, plant.inputs[loop.input]

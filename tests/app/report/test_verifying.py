@@ -4,12 +4,16 @@ import json
 import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from prefcal_app.report.pictures import open_loop
 from prefcal_app.report.write import FILE, LOOP, data_uri, judge, picture, refresh, verify_best, write_report
 from prefcal_env.disk import digest_of
 from prefcal_env.errors import ScenarioError, SettingsError, StaleError
-from prefcal_scenarios.verification.result import BEST, Verified
+from prefcal_env.sources.source import plant_of
+from prefcal_scenarios import load
+from prefcal_scenarios.verification.result import BEST, Verified, margins_at
 from support.verified import FOUND
 from toy_study import toy_record
 
@@ -48,6 +52,14 @@ def test_an_open_loop_of_another_tuning_is_removed_and_one_without_room_is_named
     assert "<img" not in said
     write_report(toy_record(), best.parent)
     assert not (best.parent / LOOP).exists()
+
+
+def test_the_open_loop_of_a_plant_that_each_run_makes_anew_is_drawn():
+    reactor = load("cstr")
+    plant = plant_of(reactor.source)
+    assert [channel.name for channel in plant.inputs] == ["coolant temperature"]
+    found = margins_at(reactor.source.varied(), reactor.space.decode(np.full(len(reactor.space), 0.5)))
+    assert open_loop([found], reactor.kpis, plant).startswith(b"\x89PNG")
 
 
 def test_a_verdict_on_a_run_of_another_tuning_is_stale(best):
