@@ -143,6 +143,8 @@ class _Conversation:
         if problem:
             return False
         self._say("Only these values are written. The plant gets back what it has now unless you confirm.")
+        if told := self.interview.scenario.source.instructions:
+            self._say(told)
         return self._one_of("write and try? yes, Enter: no", ("yes",)) == "yes"
 
     def _write(self, wanted: actions.TryOnPlant) -> str:

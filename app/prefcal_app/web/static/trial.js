@@ -83,21 +83,21 @@ export function follow(now) {
   }
   const kind = JSON.stringify(live.moves ? [live.wanted, now.live.running?.restores] : live);
   if (kind !== drawn) {
-    fill($("trial-place"), live.moves ? held(tried, now) : asked(tried));
+    fill($("trial-place"), live.moves ? held(tried, now) : asked(tried, now.live.instructions));
     $("dialog-title").focus(); // what had it may be gone
   }
   drawn = kind;
   if (live.moves) progress(tried, now);
 }
 
-function asked(tried) {
+function asked(tried, instructions) {
   const { reads, problem, changes } = tried.live;
   if (reads) return el("p", {}, "Reading the plant's present values…");
   const close = button("Close", () => $("dialog").close());
   const again = button("Read the plant again", () => act("try_on_plant", { best: tried.best, index: null, blind: tried.live.blind }));
   if (!changes.length) return [el("p", { class: "problem", role: "alert" }, `${problem}.`), el("p", { class: "actions" }, again, close)];
-  return [written(changes), el("p", {}, "Only these values are written, no start value: the plant runs as usual. It gets back what it has now unless you confirm one of the two."),
-    el("p", { class: "actions" }, button(["Write and try ", sidesOf(tried)[0].name], () => write(tried, sidesOf(tried)[0]), { id: "trial-write", class: "primary" }), close),
+  return [instructions ? el("p", { class: "instructions" }, instructions) : null, written(changes), el("p", {}, "Only these values are written, no start value: the plant runs as usual. It gets back what it has now unless you confirm one of the two."),
+    el("p", { class: "actions" }, button("Write and try", () => write(tried, sidesOf(tried)[0]), { id: "trial-write", class: "primary" }), close),
     el("p", { class: "faint" }, "Nothing is written before you choose.")];
 }
 
