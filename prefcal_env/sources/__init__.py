@@ -13,3 +13,4 @@ from .source import RunCurve as RunCurve
 from .source import Source as Source
 from .source import Stage as Stage
 from .source import Table as Table
+from .source import Trial as Trial

@@ -1,7 +1,8 @@
 """Whatever turns θ into an experiment, one run of it, and the sources that are functions of θ."""
 
+import threading
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import partial
@@ -14,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.arrays import is_number
-from prefcal_env.errors import ExperimentError, PrefcalError, ScenarioError
+from prefcal_env.errors import ExperimentError, PrefcalError, ScenarioError, StaleError
 from prefcal_env.experiments.experiment import Channel, Channels, Experiment, KPIs
 from prefcal_env.experiments.kpis import conversion_of
 from prefcal_env.experiments.panels import MEAN, check_channels, check_name, combined, named
@@ -164,6 +165,63 @@ class Run:
         """Stop the run in `within` seconds, if it can be: "stopped" by a person, or "given up"."""
 
 
+class Trial:
+    """Which of several θ a person wants on a plant, and which it has, until one is confirmed.
+
+    The run of a trial moves the plant in one thread, and the person presses keys in another: what both
+    decide is decided here, by one after the other.
+
+    Args:
+        sides: θ by number, physical, shape (n,); the first one is wanted first.
+        mark: What tells this trial apart from every other one, also after a crash.
+        confirmed: Function that returns whether the record says that one of them was confirmed.
+    """
+
+    def __init__(
+        self, sides: Mapping[int, Float[np.ndarray, " n"]], mark: str, confirmed: Callable[[], bool]
+    ) -> None:
+        self.sides, self.mark, self.confirmed = sides, mark, confirmed
+        self.wanted: int = next(iter(sides))
+        self.shown: int | None = None  # number of the θ that the plant shows
+        self._ended, self._lock = False, threading.Lock()
+
+    def want(self, number: int) -> None:
+        """Want this θ on the plant. Raises StaleError if the trial is over."""
+        with self._lock:
+            if self._ended or self.confirmed():
+                raise StaleError("the trial has ended: nothing was written")
+            self.shown = self.shown if number == self.wanted else None
+            self.wanted = number
+
+    def turn(self) -> int | None:
+        """Return the number of the θ that must be written; None if the plant shows what is wanted."""
+        with self._lock:
+            return None if self.shown is not None or self.confirmed() else self.wanted
+
+    def has(self, number: int) -> None:
+        """Take note that the plant shows this θ, unless another one is wanted by now."""
+        with self._lock:
+            self.shown = number if number == self.wanted else None
+
+    @contextmanager
+    def confirming(self, number: int) -> Iterator[None]:
+        """Let the plant be as it is inside the block, which records that this θ stays.
+
+        Raises:
+            StaleError: If the plant does not have it now; nothing may be recorded then.
+        """
+        with self._lock:
+            if self.shown != number:
+                raise StaleError("the plant does not have these values now: nothing was confirmed")
+            yield
+
+    def leave(self) -> bool:
+        """End the trial; return whether nothing was confirmed, so that the plant gets back what it had."""
+        with self._lock:
+            self._ended, self.shown = True, None
+            return not self.confirmed()
+
+
 class Whole(Run):
     """A run that a single call does from its start to its end."""
 
@@ -237,6 +295,7 @@ class Source:
         stops: Whether a run can be stopped.
         limit: Time limit of a run in seconds; None if it has none that is known.
         recovers: Whether an interrupted run may have left a plant changed; see `recovery`.
+        tries: Whether several θ can be tried in turn, by `trial`.
         columns: Headings of the record that a person supplies.
         instructions: What a person is told before they run or confirm an experiment.
         duration: Longest recorded time in seconds, if the run is followed live.
@@ -255,6 +314,7 @@ class Source:
     stops: bool = False
     limit: float | None = None
     recovers: bool = False
+    tries: bool = False
     columns: tuple[str, ...] = ()
     instructions: str = ""
     duration: float = inf
@@ -331,6 +391,13 @@ class Source:
         """Return the run that restores what an interrupted one left; it returns no experiment."""
         raise NotImplementedError
 
+    def trial(self, trial: Trial) -> Run:
+        """Return the run of a trial: it reads the plant, asks a person, and has what they want on it."""
+        raise NotImplementedError
+
+    def settle(self, mark: str) -> None:
+        """Forget the values from before a trial, if its mark is this: what it left was confirmed."""
+
     def example(self, theta: Float[np.ndarray, " n"]) -> Experiment | None:
         """Return a made-up experiment of θ, physical, shape (n,), if only people can do a real one."""
         return None
@@ -367,6 +434,7 @@ _DECLARED = (
     "stops",
     "limit",
     "recovers",
+    "tries",
     "columns",
     "instructions",
     "duration",
@@ -411,6 +479,14 @@ class WithKPIs(Source):
     def recovery(self) -> Run:
         """Return the source's run that restores them."""
         return self.source.recovery()
+
+    def trial(self, trial: Trial) -> Run:
+        """Return the source's run of a trial."""
+        return self.source.trial(trial)
+
+    def settle(self, mark: str) -> None:
+        """Let the source forget the values from before a trial that was confirmed."""
+        self.source.settle(mark)
 
     def close(self) -> None:
         """Release what the source holds."""

@@ -28,13 +28,13 @@ from prefcal_app.report.record import (
     claim_given,
     identity_of,
 )
-from prefcal_app.session import Background, Interview, Phase, unattended
+from prefcal_app.session import Background, Interview, Phase, actions, unattended
 from prefcal_app.session.study import as_studied, is_simulating
 from prefcal_app.simulating import SimulationFile, Simulator, key_of, twin_of
 from prefcal_app.terminal import converse
 from prefcal_app.terminal.showing import say
 from prefcal_env.compiling import Compiling
-from prefcal_env.errors import RecordError, RunError, SettingsError, SimulationError, StudyError
+from prefcal_env.errors import RecordError, RunError, SettingsError, SimulationError, StaleError, StudyError
 from prefcal_env.study import State, StudyFile, study_path
 from prefcal_env.study.beside import SIMULATED, beside_study
 from prefcal_scenarios.catalog import load
@@ -442,9 +442,9 @@ def _introduce(work: Calibration) -> None:
         work.say(f"A run was interrupted: the plant's old values are restored now ({work.left}).")
 
 
-def _say_stopping(work: Calibration) -> None:
+def _say_stopping(work: Calibration, what: str = "") -> None:
     """Print what the first Ctrl-C does."""
-    what = "Writing the report ..." if work.reportable else "Stopping ..."
+    what = what or ("Writing the report ..." if work.reportable else "Stopping ...")
     if work.interview.drives:
         what = "Stopping the run: the plant gets its old values back ..."
     work.say(f"{what} (Ctrl-C again ends at once)")
@@ -500,6 +500,8 @@ def _in_window(work: Calibration, ctrl_c: Interruption) -> None:
                 away = window.away()
                 if work.over and away is not None and away > GONE and not window.verifying:
                     break
+            with suppress(StaleError):  # a page that is closed confirms nothing
+                work.interview.do(actions.EndTrial())
             work.wait_for_findings()
     telling.end()
 
@@ -532,7 +534,7 @@ class _Telling:
             work.say("The study is finished. The command ends when you close its page, or with Ctrl-C.")
             self.said = () if record.outlook is None else record.outlook.lines
             self.result = result
-            ctrl_c.on_press = lambda: work.say("Closing ...")
+            ctrl_c.on_press = lambda: _say_stopping(work, "Closing ...")
         elif over:
             self._add()
         return work.claim.folder if over else None

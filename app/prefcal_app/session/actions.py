@@ -89,11 +89,13 @@ class Action(Struct, frozen=True, forbid_unknown_fields=True):
     """Phases in which it can be taken."""
     otherwise: ClassVar[str] = ""
     """What is said in the other phases."""
+    beside: ClassVar[bool] = False
+    """Whether it can be taken while a plant is being changed."""
 
     @classmethod
     def refusal(cls, study: Study) -> PrefcalError | None:
         """Return why nobody can take it now, whatever its fields say; None if it can be taken."""
-        if study.plant.moves and cls is not StopRun:
+        if study.plant.moves and not cls.beside:
             return StaleError("a run on the plant is in progress: stop it first")
         return StaleError(cls.otherwise) if study.phase not in cls.when else cls._also(study)
 
@@ -541,6 +543,7 @@ class StopRun(Action, frozen=True):
     """Stop the run of the pending sample, which then counts as failed."""
 
     index: Whole
+    beside = True
     # Also after an error, since a run may move the plant all the same.
     when = frozenset({Phase.RUNNING, Phase.FAILED})
     otherwise = "this experiment is not running: nothing was changed"
@@ -652,6 +655,85 @@ class GoOn(Action, frozen=True):
         driver.proceed()
 
 
+def _in_trial(study: Study) -> PrefcalError | None:
+    """Return why old and new cannot be tried on the plant, or which of them stays be confirmed."""
+    if not (study.plant.asks == "record" or study.plant.tries):
+        return StaleError("old and new can only be tried on a rig or a live plant")
+    if tried_on_plant(study.state, study.best) is None:
+        return StaleError("no experiment was better than the first: there is nothing to try")
+    if study.plant.tries and 0 in study.state.history.unsafe:
+        return StaleError("the first experiment was unsafe: it is not written to the plant again")
+    return None
+
+
+def _check_tried(driver: Driver, index: int, best: int) -> None:
+    """Raise StaleError unless experiment `index` is the first one or the best, as the person saw it."""
+    if driver.study.best != best:
+        raise StaleError("another experiment is the best by now: try both again")
+    if index not in (0, best):
+        raise StaleError(f"experiment {index + 1} was not tried: only the first one and the best are")
+
+
+class TryOnPlant(Action, frozen=True):
+    """Have the θ of the first experiment, 0, or of the best on a live plant; what it had before is kept.
+
+    Args:
+        best: Index of the best experiment, as the person saw it.
+        index: Experiment; None to read what the plant has, which the person must see first.
+        blind: Whether the person is not told which is which.
+    """
+
+    best: Whole
+    index: Whole | None = None
+    blind: bool = False
+    when = frozenset({Phase.OVER})
+    otherwise = "the study has not ended"
+    beside = True
+
+    @classmethod
+    def _also(cls, study: Study) -> PrefcalError | None:
+        if not study.plant.tries:
+            return StaleError("only a live plant is written to")
+        if study.plant.recovery is not Recovery.DONE:
+            return StaleError("the plant does not have its old values yet: nothing was written")
+        return _in_trial(study)
+
+    def _take(self, driver: Driver) -> None:
+        _check_tried(driver, self.index or 0, self.best)
+        plant, tried = driver.underway.plant, driver.underway.plant.tried
+        anew = driver.try_out(self.best, blind=self.blind)
+        if self.index is None:
+            if plant.tries:
+                raise StaleError("old and new are being tried already")
+            plant.tried = anew
+        # An answer that was retracted meanwhile makes another trial of it.
+        elif tried is None or tried.about != anew.about or not (plant.tries or tried.run.changes):
+            raise StaleError("the plant's present values are not known yet: nothing was written")
+        else:
+            tried.trial.want(self.index)
+            if not plant.tries:
+                tried.run.supply(tried.run.changes or ())
+        driver.version += 1
+
+
+class EndTrial(Action, frozen=True):
+    """End the trial on a live plant without a confirmation: it gets back what it had before."""
+
+    when = frozenset({Phase.OVER})
+    otherwise = "the study has not ended"
+    beside = True
+
+    @classmethod
+    def _also(cls, study: Study) -> PrefcalError | None:
+        return None if study.plant.moves else StaleError("nothing is being tried on the plant")
+
+    def _take(self, driver: Driver) -> None:
+        tried = driver.underway.plant.tried
+        if tried is not None:
+            tried.run.stop("stopped")
+        driver.version += 1
+
+
 class KeepOnPlant(Action, frozen=True):
     """Confirm which of two tunings stays on the plant, after both were tried there.
 
@@ -667,22 +749,22 @@ class KeepOnPlant(Action, frozen=True):
     when = frozenset({Phase.OVER})
     otherwise = "the study has not ended"
 
+    beside = True
+
     @classmethod
     def _also(cls, study: Study) -> PrefcalError | None:
-        if study.plant.asks != "record":
-            return StaleError("only what a person sets on a rig can be tried there")
-        if tried_on_plant(study.state, study.best) is None:
-            return StaleError("no experiment was better than the first: there is nothing to try")
-        return None
+        if study.plant.tries and not study.plant.holds:
+            return StaleError("the plant has neither of the two now: nothing was confirmed")
+        return _in_trial(study)
 
     def _take(self, driver: Driver) -> None:
-        if driver.study.best != self.best:
-            raise StaleError("another experiment is the best by now: try both again")
-        if self.index not in (0, self.best):
-            raise StaleError(
-                f"experiment {self.index + 1} was not tried: only the first one and the best are"
-            )
-        driver.append(events.Kept(self.index, self.blind))
+        _check_tried(driver, self.index, self.best)
+        tried = driver.underway.plant.tried
+        if tried is None:
+            driver.append(events.Kept(self.index, self.blind))
+        else:
+            with tried.trial.confirming(self.index):
+                driver.append(events.Kept(self.index, tried.blind))
 
 
 # --- List all actions.

@@ -25,7 +25,7 @@ from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.plain import digest
 from prefcal_env.preferences.answer import Answer, Preference, completed
 from prefcal_env.preferences.history import History, Point
-from prefcal_env.sources import Run, Source
+from prefcal_env.sources import Run, Source, Trial
 from prefcal_env.study import Answered, Event, Finished, Shown, State, StudyFile, Suggested
 from prefcal_env.study.beside import read_learned, write_learned
 from prefcal_scenarios.scenario import Scenario
@@ -42,7 +42,9 @@ from .study import (
     Recovery,
     Settle,
     Study,
+    TrialNow,
     Write,
+    mark_of_trial,
 )
 
 # --- Hold what is thought of in advance; it can be lost at any time without changing a result.
@@ -247,6 +249,26 @@ def _digest_code() -> bytes:
 # --- Hold the runs of an interview: those in progress, and those that wait to begin.
 
 
+@dataclass(frozen=True, slots=True)
+class Trying:
+    """A trial of the first experiment and the best one on a live plant, and its run."""
+
+    trial: Trial
+    run: Run
+    best: int
+    blind: bool
+
+    @property
+    def about(self) -> tuple[str, int, bool]:
+        """Return what is tried, and how."""
+        return self.trial.mark, self.best, self.blind
+
+    def now(self) -> TrialNow:
+        """Return what a front end shows of it."""
+        trial, run = self.trial, self.run
+        return TrialNow(self.blind, trial.wanted, trial.shown, run.changes, run.problem, run.moves_plant)
+
+
 class PlantCare:
     """What must be done on a plant before anything else: restore what an interrupted run left.
 
@@ -256,6 +278,7 @@ class PlantCare:
     Attributes:
         recovery: Whether that is done. Nothing is read or written for a new run before it is.
         problem: What remains to be done on the plant, as a sentence; empty if nothing does.
+        tried: What is tried on the plant after the end, or was last; None if nothing was.
     """
 
     def __init__(self, source: Source) -> None:
@@ -263,6 +286,12 @@ class PlantCare:
         self.recovery = Recovery.DUE if source.recovers else Recovery.DONE
         self.problem = ""
         self.run: Run | None = None
+        self.tried: Trying | None = None
+
+    @property
+    def tries(self) -> bool:
+        """Return whether a trial changes the plant, or is about to; it takes no lock."""
+        return self.tried is not None and self.tried.run.moves_plant
 
     def is_due(self, problem: str = "") -> None:
         """Let the old values be restored next; `problem` says why they are not."""
@@ -281,7 +310,7 @@ class PlantCare:
 
     def now(self, run: Run | None) -> PlantNow:
         """Return what a front end shows of a live plant, given the run of the pending sample."""
-        shown = self.run or run
+        shown = self.run or (self.tried.run if self.tried is not None and self.tries else run)
         times, curves = ((), ()) if shown is None else shown.recorded
         return PlantNow(
             changes=None if run is None else run.changes,
@@ -291,6 +320,7 @@ class PlantCare:
             curves=curves,
             stopping=False if shown is None else shown.stopping,
             recovery=self.recovery,
+            trial=None if self.tried is None else self.tried.now(),
         )
 
 
@@ -332,13 +362,16 @@ class UnderWay:
     @property
     def moves_plant(self) -> bool:
         """Return whether a run changes a plant, or is about to; it takes no lock."""
-        return any(run.moves_plant for run in self.every)
+        return self.plant.tries or any(run.moves_plant for run in self.every)
 
     def facts(self, pending: Suggested | None) -> PlantFacts:
         """Return what decides what a person can do about the run of the pending sample."""
         source, run = self.source, self.of(pending)
         ready = run is not None and run.changes is not None
-        return PlantFacts(source.asks, source.stops, self.moves_plant, ready, self.plant.recovery)
+        tried = self.plant.tried
+        holds = tried is not None and self.plant.tries and tried.trial.shown is not None
+        recovery = self.plant.recovery
+        return PlantFacts(source.asks, source.stops, self.moves_plant, ready, recovery, source.tries, holds)
 
     def plant_now(self, sample: Suggested | None) -> PlantNow | None:
         """Return what a front end shows of a plant on which each run is confirmed; None without one."""
@@ -381,6 +414,8 @@ class UnderWay:
             run.stop(why)
         if self.plant.run is not None:
             self.plant.run.stop(why)
+        if self.plant.tried is not None:
+            self.plant.tried.run.stop(why)
 
     def end(self, theta: Point, result: Experiment | Exception | None) -> None:
         """Take note that the run of θ is over or, without a result, asks something of a person."""
@@ -454,7 +489,7 @@ class Driver:
             self.file.state,
             at_once=self.at_once,
             simulates=self.thoughts.simulator is not None,
-            plant=PlantFacts(source.asks, source.stops),
+            plant=PlantFacts(source.asks, source.stops, tries=source.tries),
         )
         self.underway = UnderWay(source, self.study.seed)
         self.underway.changed = self.tell
@@ -518,6 +553,27 @@ class Driver:
                 self.agent.history = self.file.state.history
                 self.version += 1
 
+    def try_out(self, best: int, *, blind: bool) -> Trying:
+        """Return a trial of the first experiment and the best, which has read and written nothing yet."""
+        samples, before = self.state.history.samples, self.state.confirmed
+        trial = Trial(
+            {index: np.array(samples[index].theta) for index in (0, best)},
+            mark_of_trial(self.state, before),
+            lambda: self.file.state.confirmed > before,
+        )
+        run = self.store.scenario.source.trial(trial)
+        run.changed = self.tell
+        return Trying(trial, run, best, blind)
+
+    def settle(self) -> None:
+        """Let the plant keep what was confirmed last, also if prefcal was killed right after that.
+
+        Raises:
+            LiveError: If the values from before the trial cannot be forgotten.
+        """
+        if self.state.kept is not None:
+            self.store.scenario.source.settle(mark_of_trial(self.state, self.state.confirmed - 1))
+
     def become(self, agent: Agent) -> None:
         """Go on with an agent, which learns what the study file says."""
         agent.history = self.state.history
@@ -543,6 +599,7 @@ class Driver:
         whose question is already closed.
         """
         self.thoughts.prefetch.forget()
+        self.underway.plant.tried = None
         self.underway.forget(() if self.state.ended else self.study.unfinished)
         try:
             while True:

@@ -1,6 +1,7 @@
 """An agent's questions and a person's answers: what is known, what can be done, and who does it."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from typing import cast
 
@@ -26,7 +27,7 @@ from prefcal_app.summary import (
     outlook,
 )
 from prefcal_env.compiling import Compiling, compile_missing
-from prefcal_env.errors import SettingsError, StudyError
+from prefcal_env.errors import LiveError, SettingsError, StudyError
 from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.preferences.answer import Comparison as Compared
 from prefcal_env.preferences.history import Comparison
@@ -354,6 +355,8 @@ class Interview:
         self._seen: Now | None = None
         self._idle_at: int | None = None
         if asks:
+            with suppress(LiveError):  # before values are restored, this is tried again, and said
+                self._driver.settle()
             self._driver.resume()
 
     @property

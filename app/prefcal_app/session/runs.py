@@ -20,7 +20,7 @@ from prefcal_env.study import Concluded, Failed, Finished, Suggested, Taken
 from prefcal_env.wording import as_exception, in_words
 from prefcal_scenarios.scenario import Scenario, check_experiment
 
-from .driver import LIKELIEST, LIKELY, Driver
+from .driver import LIKELIEST, LIKELY, Driver, Trying
 from .study import Moment, Phase, Question, Recovery
 
 # --- Let the agent choose queries in the background: it may simulate for seconds, without a lock.
@@ -200,6 +200,9 @@ def due(driver: Driver, *, ahead: bool) -> Job[Any] | None:
     underway, study, phase = driver.underway, driver.study, driver.study.phase
     if underway.plant.recovery is Recovery.DUE:
         return Restore(driver)
+    tried = underway.plant.tried
+    if tried is not None and not tried.run.waits:
+        return TryOut(driver, tried)
     if phase in (Phase.RECORD, Phase.CONFIRM) or underway.moves_plant:
         return _attend(driver)
     if phase is Phase.RUNNING:
@@ -229,9 +232,10 @@ def _due_while_asking(driver: Driver, *, ahead: bool) -> Job[Any] | None:
 
 
 class Restore:
-    """Restore a plant's old values."""
+    """Restore a plant's old values, or what was confirmed last."""
 
     def __init__(self, driver: Driver) -> None:
+        self.settle = driver.settle
         self.recovery = driver.underway.plant.recover()
         self.recovery.changed = driver.underway.changed
         driver.version += 1  # front ends show that it has begun
@@ -239,6 +243,7 @@ class Restore:
     def run(self) -> str:
         """Return why it failed; empty if it did not."""
         try:
+            self.settle()
             self.recovery.advance()
         except Exception as error:  # whatever it is, the old values may be missing
             return str(error) or type(error).__name__
@@ -247,6 +252,32 @@ class Restore:
     def finish(self, driver: Driver, found: str) -> None:
         """Tell front ends."""
         driver.underway.plant.recovered(found)
+        driver.version += 1
+
+
+class TryOut:
+    """Read a live plant, or have on it what a person tries until they confirm it or end the trial."""
+
+    def __init__(self, driver: Driver, tried: Trying) -> None:
+        self.run_of_trial = tried.run
+
+    def run(self) -> str:
+        """Return why the plant may lack its old values; empty if all is well."""
+        try:
+            self.run_of_trial.advance()
+        except Exception as error:  # whatever it is, the old values may be missing
+            return str(error) or type(error).__name__
+        return ""
+
+    def finish(self, driver: Driver, found: str) -> None:
+        """Tell front ends, and let the old values be restored if they may be missing."""
+        run, plant = self.run_of_trial, driver.underway.plant
+        run.waits, run.problem = True, found or run.problem
+        if run.moves_plant:
+            run.moves_plant, run.changes = False, None
+            plant.tried = plant.tried if run.problem else None
+        if found:
+            plant.is_due(found)
         driver.version += 1
 
 

@@ -24,6 +24,7 @@ from prefcal_env.compiling import Compiling
 from prefcal_env.errors import StudyError
 from prefcal_env.experiments.experiment import Channels, End, Experiment
 from prefcal_env.knobs import KnobSpace
+from prefcal_env.plain import digest
 from prefcal_env.preferences.answer import (
     Answer,
     Mark,
@@ -191,6 +192,27 @@ class Recovery(Enum):
 
 
 @dataclass(frozen=True, slots=True)
+class TrialNow:
+    """What a front end shows of a trial on a live plant.
+
+    Args:
+        blind: Whether it is hidden which θ is which.
+        wanted: Index of the experiment whose θ the person wants on the plant.
+        shown: Index of the one whose θ it has; None while it is written.
+        changes: What the plant has, for the person to confirm; None while it is not known.
+        problem: Why it is not known, or why the trial ended.
+        moves: Whether the plant is being changed.
+    """
+
+    blind: bool
+    wanted: int
+    shown: int | None
+    changes: tuple[Change, ...] | None
+    problem: str
+    moves: bool
+
+
+@dataclass(frozen=True, slots=True)
 class PlantNow:
     """What a front end shows of a plant on which each run must be confirmed.
 
@@ -203,6 +225,7 @@ class PlantNow:
         stopping: Whether the run was told to stop.
         recovery: Whether the plant has its old values again. If that failed, `problem` says why,
             and nothing is written until it succeeds.
+        trial: What is tried; None if nothing is.
     """
 
     changes: tuple[Change, ...] | None
@@ -212,6 +235,7 @@ class PlantNow:
     curves: tuple[RunCurve, ...]
     stopping: bool
     recovery: Recovery = Recovery.DONE
+    trial: TrialNow | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -347,6 +371,8 @@ class PlantFacts:
         moves: Whether a run changes the plant now.
         ready: Whether it is known what the pending run would write.
         recovery: Whether the plant has its old values again.
+        tries: Whether old and new can be tried in turn.
+        holds: Whether it has one of them now.
     """
 
     asks: Asks = ""
@@ -354,6 +380,8 @@ class PlantFacts:
     moves: bool = False
     ready: bool = False
     recovery: Recovery = Recovery.DONE
+    tries: bool = False
+    holds: bool = False
 
 
 @dataclass(frozen=True)
@@ -514,6 +542,11 @@ def tried_on_plant(state: State, best: int | None) -> tuple[int, int] | None:
         return None
     drawn = np.random.default_rng([int(state.configuration["seed"]), best, state.confirmed, _TRIALS])
     return (0, best) if drawn.random() < 0.5 else (best, 0)
+
+
+def mark_of_trial(state: State, before: int) -> str:
+    """Return what tells a trial apart, given the number of confirmations before it."""
+    return digest((state.history.key, before)).hex()
 
 
 def to_repeat(state: State, seed: int) -> Comparison | None:

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from rich.console import Console
 
 from prefcal_app.session import Choice, Interview, Now, Phase, actions
-from prefcal_app.session.study import ENOUGH, GOOD_ENOUGH, UNSAFE, PlantNow, Recovery, why_over
+from prefcal_app.session.study import ENOUGH, GOOD_ENOUGH, UNSAFE, PlantNow, Recovery, TrialNow, why_over
 from prefcal_app.summary import kept_on_plant, kept_text
 from prefcal_app.view import Seen, brief_view, history_view, now_view, preview_view, status_view, trial_view
 from prefcal_env.errors import PrefcalError, StaleError
@@ -91,11 +91,13 @@ class _Conversation:
         self._say(
             f"The study is finished: {why_over(now.state.ended or '', self.interview.known.findings)}{more}."
         )
-        if "keep_on_plant" in now.can:
-            try:
-                self._try_on_plant(trial_view(self.interview, now))
-            except PrefcalError as error:
-                self._say(str(error))
+        try:
+            self._try_on_plant(trial_view(self.interview, now))
+        except PrefcalError as error:
+            self._say(str(error))
+            self._end_trial()
+        if ended := self._while_tried(lambda trial: not trial.moves):
+            self._say(f"{ended}.")
 
     def _try_on_plant(self, trial: Mapping[str, Any] | None) -> None:
         """Show old and new in turn, until one of them is confirmed or the person goes on."""
@@ -106,27 +108,69 @@ class _Conversation:
             self._one_of("t: old and new, b: blind, Enter: no", ("t", "b"))
         )
         sides, at = trial.get(kind or "", ()), 0
+        if sides and trial["live"] and not self._may_write(trial["best"], kind == "blind"):
+            return self._say("Nothing was written.")
         while sides:
             side = sides[at]
             theta = ", ".join(
                 f"{knob['name']} = {with_unit(knob['text'], knob['unit'])}" for knob in side["theta"]
             )
-            self._say(f"{side['name']}: enter {theta}, then watch the plant.")
+            if not trial["live"]:
+                self._say(f"{side['name']}: enter {theta}, then watch the plant.")
+            elif self._write(actions.TryOnPlant(trial["best"], side["index"], kind == "blind")):
+                return None
+            else:
+                self._say(f"{side['name']} is on the plant: watch it.")
             asked = "o: the other one, keep: this one stays, Enter: confirm nothing"
             said = self._one_of(asked, ("o", "keep"))
             if said == "keep":
                 self.interview.do(actions.KeepOnPlant(side["index"], trial["best"], kind == "blind"))
                 return self._say(kept_text(kept_on_plant(self.interview.now().state)))
             if not said:
+                self._end_trial()
                 return self._say("Nothing more is confirmed.")
             at = 1 - at
         return None
 
+    def _may_write(self, best: int, blind: bool) -> bool:
+        """Show what a live plant has and what is written in turn; return whether the person wants that."""
+        self.interview.do(actions.TryOnPlant(best, blind=blind))
+        problem = self._while_tried(lambda trial: bool(trial.changes or trial.problem))
+        view = trial_view(self.interview, self.interview.now())
+        for change in () if view is None else view["live"]["changes"]:
+            limits = f"limits {change['limits']}, at most {change['rate']} per second"
+            self._say(f"  {change['name']}: {change['old']} → {change['new']} {change['unit']}   ({limits})")
+        if problem:
+            return False
+        self._say("Only these values are written. The plant gets back what it has now unless you confirm.")
+        if told := self.interview.scenario.source.instructions:
+            self._say(told)
+        return self._one_of("write and try? yes, Enter: no", ("yes",)) == "yes"
+
+    def _write(self, wanted: actions.TryOnPlant) -> str:
+        """Have a θ on a live plant; return why that ended, empty if it has it."""
+        self.interview.do(wanted)
+        return self._while_tried(lambda trial: trial.shown == wanted.index or not trial.moves)
+
+    def _end_trial(self) -> None:
+        with suppress(StaleError):  # there is none, or it has just ended
+            self.interview.do(actions.EndTrial())
+
+    def _while_tried(self, until: Callable[[TrialNow], bool]) -> str:
+        """Wait for the trial on a live plant; return why it ended or could not begin; else nothing."""
+        with self.console.status("waiting for the plant"):
+            while True:
+                now = self.interview.now()
+                trial = None if now.plant is None else now.plant.trial
+                if trial is None or until(trial):
+                    return "" if trial is None else trial.problem
+                self.interview.wait(now.version, _LOOK)
+
     def _one_of(self, asked: str, words: tuple[str, ...]) -> str:
-        """Return one of the words, asking again for anything else; empty for Enter."""
-        while (said := self.line(asked).lower()) and said not in words:
+        """Return one of the words, asking again for anything else; empty for Enter, and to stop."""
+        while (said := self.line(asked).lower()) not in (*words, *STOP, ""):
             pass
-        return said
+        return said if said in words else ""
 
     def _wait(self, now: Now) -> None:
         with self.console.status(_waiting(now)) as status:

@@ -543,25 +543,46 @@ def report_view(folder: Path | None) -> Any:
 
 
 def trial_view(interview: Interview, now: Now) -> dict[str, Any] | None:
-    """Return what to enter on a rig to try old and new, openly and blind; None if it cannot be tried.
+    """Return what is needed to try old and new, openly and blind; None if they cannot be tried.
 
-    θ is shown in a blind trial, too, since somebody has to enter it; KPIs and numbers are not.
-    The page does not draw `index`.
+    On a rig, θ is shown in a blind trial, too, since somebody has to enter it; KPIs and numbers are
+    not. A live plant gets it from prefcal. The page does not draw `index`.
     """
-    blind = tried_on_plant(now.state, now.incumbent)
-    if "keep_on_plant" not in now.can or blind is None:
+    blind, live = tried_on_plant(now.state, now.incumbent), "try_on_plant" in now.can
+    if blind is None or not (live or "keep_on_plant" in now.can):
         return None
     best = blind[0] or blind[1]
     baseline = baseline_of(now.state)
 
-    def side(index: int, name: str) -> dict[str, Any]:
+    def side(index: int, name: str, *, hidden: bool = False) -> dict[str, Any]:
         experiment = interview.past.experiment(index)
-        shown = theta_view(interview.scenario.space, experiment)
+        shown = [] if hidden else theta_view(interview.scenario.space, experiment)
         return {"index": index, "name": name, "theta": [{**knob, "differs": False} for knob in shown]}
 
     return {
         "best": best,
         "open": [side(0, f"Old: {baseline} (experiment 1)"), side(best, f"New: experiment {best + 1}")],
-        "blind": [side(index, name) for name, index in zip("AB", blind, strict=True)],
+        "blind": [side(index, name, hidden=live) for name, index in zip("AB", blind, strict=True)],
         "kept": kept_text(kept_on_plant(now.state)),
+        "live": _on_live_plant(interview, now, best) if live else None,
+    }
+
+
+def _on_live_plant(interview: Interview, now: Now, best: int) -> dict[str, Any]:
+    """Return how far a trial on a live plant is, and what it may write, which does not tell A from B."""
+    tried = None if now.plant is None else now.plant.trial
+    samples = now.state.history.samples
+    changes = () if tried is None else tried.changes or ()
+    both = [sorted(pair) for pair in zip(samples[0].theta, samples[best].theta, strict=True)]
+    values = [" or ".join(dict.fromkeys(f"{value:.6g}" for value in pair)) for pair in both]
+    return {
+        "blind": tried is not None and tried.blind,
+        "moves": tried is not None and tried.moves,
+        "reads": tried is not None and not (tried.moves or changes or tried.problem),
+        "wanted": None if tried is None else tried.wanted,
+        "shown": None if tried is None else tried.shown,
+        "problem": "" if tried is None else tried.problem,
+        "changes": [
+            {**question.change_view(each), "new": value} for each, value in zip(changes, values, strict=False)
+        ],
     }

@@ -626,7 +626,7 @@ def plant_view(scenario: Scenario, plant: PlantNow | None) -> dict[str, Any] | N
         return None
     source = scenario.source
     return {
-        "changes": None if plant.changes is None else [_change(each) for each in plant.changes],
+        "changes": None if plant.changes is None else [change_view(each) for each in plant.changes],
         "problem": plant.problem,
         "unrestored": plant.recovery is Recovery.FAILED and plant.progress is None,
         "instructions": source.instructions,
@@ -637,7 +637,7 @@ def plant_view(scenario: Scenario, plant: PlantNow | None) -> dict[str, Any] | N
     }
 
 
-def _change(change: Change) -> dict[str, str]:
+def change_view(change: Change) -> dict[str, str]:
     """Return a value to write, in words."""
     return {
         "name": change.name,

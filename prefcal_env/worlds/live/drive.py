@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from prefcal_env.errors import ConnectionLostError, LiveError
 from prefcal_env.experiments.experiment import End, Experiment
-from prefcal_env.sources.source import Change, Progress, Stage
+from prefcal_env.sources.source import Change, Progress, Stage, Trial
 from prefcal_env.tables.recorded import bridge, recorded
 
 from .plan import Journal, LiveKnob, LivePlan, LivePlant, Role, TypedPlant, all_within, within
@@ -264,16 +264,29 @@ class _EndedError(Exception):
 
 
 class Drive:
-    """One run, as mutable state; `run` does all of it. `theta` is the new value of each knob, by name."""
+    """One run, as mutable state; `run` or `try_out` does all of it.
 
-    def __init__(self, rig: LivePlan, theta: Mapping[str, float], journal: Journal, hands: Hands) -> None:
+    `theta` is the new value of each knob, by name; without `starts`, no start value is written.
+    """
+
+    def __init__(
+        self,
+        rig: LivePlan,
+        theta: Mapping[str, float],
+        journal: Journal,
+        hands: Hands,
+        *,
+        starts: bool = True,
+    ) -> None:
         self.rig, self.theta, self.journal, self.hands = rig, theta, journal, hands
         self.plant = rig.plant
-        self.written = {part.knob.name: part for part in (*rig.knobs, *rig.start)}
-        self.start = {start.knob.name: float(start.value) for start in rig.start}
+        start = rig.start if starts else ()
+        self.written = {part.knob.name: part for part in (*rig.knobs, *start)}
+        self.start = {each.knob.name: float(each.value) for each in start}
         self.tags = {tag.key: tag for tag in rig.tags}
         self.writer = Writer(self.plant, self.written, rig.period, hands.clock)
         self.old: dict[str, float] = {}
+        self._ways: tuple[Mapping[str, float], ...] = ()  # what the plant may have when it is written to
         self.rows: list[Row] = []
         self.problem = ""
         self._next, self._period = hands.clock(), rig.period
@@ -302,6 +315,56 @@ class Drive:
         experiment = experiment_of(self.rig, np.array([*self.theta.values()]), self.rows, end)
         problem = "" if done else self.problem
         return Driven(experiment, why, done and not keep, stopped, done and keep, problem)
+
+    def try_out(self, trial: Trial, patience: float) -> tuple[str, bool]:
+        """Have the θ that a trial wants on the plant until one of them is confirmed, which then stays.
+
+        Whatever else happens, the values from before are restored.
+
+        Args:
+            trial: What is wanted.
+            patience: Seconds without another wish after which nothing is waited for any more.
+
+        Returns:
+            Why nothing was confirmed, empty if it was; and whether the plant has what it should have.
+        """
+        why = ""
+        try:
+            self._begin(trial.mark)
+            self._try(trial, patience)
+        except _EndedError as ended:
+            why = ended.why
+        except LiveError as error:
+            why = str(error)
+        except BaseException:
+            if trial.leave():
+                self.restore()
+            raise
+        if trial.leave():
+            self.problem = why
+            done = self.restore()
+            return (why if done else f"{why}; {self.problem}"), done
+        self.journal.settle(trial.mark)  # last: until then, the study and this file say together what stays
+        return "", True
+
+    def _try(self, trial: Trial, patience: float) -> None:
+        sides = {i: dict(zip(self.theta, map(float, theta), strict=True)) for i, theta in trial.sides.items()}
+        self._ways = (self.old, *sides.values())
+        # Each of them takes as long as the slowest: else a blind trial would tell which one the plant had.
+        slowest = self._longest(*self._ways) + 3 * self.rig.period
+        since = self.hands.clock()
+        while not trial.confirmed():
+            if (wanted := trial.turn()) is not None:
+                since, self.theta = self.hands.clock(), sides[wanted]
+                self._ramp(self.theta)
+                while self.hands.clock() < since + slowest:
+                    self._sample(Stage.WRITING)
+                self.rows, self._began = [], None
+                trial.has(wanted)
+            self._sample(Stage.RECORDING)
+            self._unchanged(self.theta)
+            if self.hands.clock() > since + patience:
+                raise _EndedError(End.FAILED, f"nothing was confirmed within {patience:g} s")
 
     def look(self) -> tuple[Change, ...]:
         """Return what would be written.
@@ -419,6 +482,13 @@ class Drive:
         return False
 
     def _forward(self) -> End:
+        self._begin()
+        self._ramp(self.theta)
+        self._until_ready()
+        return self._record()
+
+    def _begin(self, trial: str = "") -> None:
+        """Let a person confirm what is written, and save what the plant has."""
         changes = self.look()
         if not self.hands.confirm(changes):
             raise _EndedError(End.FAILED, "it was not confirmed: nothing was written", stopped=True)
@@ -428,12 +498,9 @@ class Drive:
         if self.hands.stop() or self.hands.closing():
             raise _EndedError(End.FAILED, "it was stopped: nothing was written", stopped=True)
         old = {change.name: change.old for change in changes}
-        self.journal.save(old)
-        self.old = old
+        self.journal.save(old, trial)
+        self.old, self._ways = old, (old,)
         self._next = self.hands.clock()
-        self._ramp(self.theta)
-        self._until_ready()
-        return self._record()
 
     def _ramp(self, targets: Mapping[str, float]) -> None:
         """Write `targets` at their rates, and read them back."""
@@ -446,9 +513,13 @@ class Drive:
 
     def _deadline(self, targets: Mapping[str, float]) -> float:
         """Return the time by which the plant must show `targets`."""
-        rates = {name: self.written[name].rate for name in targets}
-        longest = max((abs(v - self.old[n]) / rates[n] for n, v in targets.items()), default=0.0)
-        return self.hands.clock() + 2.0 * longest + SLACK * self.rig.period
+        return self.hands.clock() + 2.0 * self._longest(targets) + SLACK * self.rig.period
+
+    def _longest(self, *targets: Mapping[str, float]) -> float:
+        """Return the longest time in seconds to one of `targets`, at the rates."""
+        pairs = [(to, at) for to in targets for at in self._ways]
+        times = [abs(v - at[n]) / self.written[n].rate for to, at in pairs for n, v in to.items() if n in at]
+        return max(times, default=0.0)
 
     def _shows(self, targets: Mapping[str, float]) -> bool:
         written = self.written

@@ -245,15 +245,20 @@ class Journal:
         name = sha256(address.encode()).hexdigest()[:16]
         return cls(user_data_path("prefcal", appauthor=False) / "live" / f"{name}.json")
 
-    def save(self, old: Mapping[str, float]) -> None:
+    def save(self, old: Mapping[str, float], trial: str = "") -> None:
         """Write the old values by name; they are on the disk when this returns.
+
+        Args:
+            old: Values to restore.
+            trial: Mark of the trial that changes them; empty for a run.
 
         Raises:
             LiveError: If the file cannot be written; then nothing may be changed on the plant.
         """
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            write_durably(self.path, json.dumps({"old": dict(old)}).encode())
+            content = {"old": dict(old), **({"trial": trial} if trial else {})}
+            write_durably(self.path, json.dumps(content).encode())
         except OSError as error:
             raise LiveError(
                 f"cannot save the plant's values in {self.path}: {error.strerror or error}. "
@@ -266,19 +271,37 @@ class Journal:
         Raises:
             LiveError: If the file is damaged.
         """
+        return self._read()[0]
+
+    def settle(self, trial: str) -> None:
+        """Remove the file if a trial of this mark left it.
+
+        Raises:
+            LiveError: If the file is damaged, or cannot be removed.
+        """
+        if self._read()[1] == trial:
+            try:
+                self.clear()
+            except OSError as error:
+                raise LiveError(
+                    "the values on the plant were confirmed, but those from before are still in "
+                    f"{self.path}: {error.strerror or error}"
+                ) from error
+
+    def _read(self) -> tuple[dict[str, float] | None, str | None]:
         try:
             content = json.loads(self.path.read_text(encoding="utf-8"))
             old = {str(name): float(value) for name, value in content["old"].items()}
             if not all(map(isfinite, old.values())):
                 raise ValueError("not all of them are numbers")
         except FileNotFoundError:
-            return None
+            return None, None
         except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
             raise LiveError(
                 f"cannot read the plant's old values in {self.path}: restore them by hand, then "
                 f"remove the file ({error})"
             ) from error
-        return old
+        return old, content.get("trial")
 
     def clear(self) -> None:
         """Remove the file, since the plant has its values again."""

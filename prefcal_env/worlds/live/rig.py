@@ -20,6 +20,7 @@ from prefcal_env.sources.source import (
     Source,
     Stage,
     Table,
+    Trial,
     formula_problems,
     with_own,
 )
@@ -60,7 +61,7 @@ class LiveRig(LivePlan, Source):
     """
 
     asks = "confirm"
-    stops = recovers = True
+    stops = recovers = tries = True
 
     def begin(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Run:
         """Return a run of θ, physical, shape (n,), that asks for a confirmation before it writes."""
@@ -70,20 +71,38 @@ class LiveRig(LivePlan, Source):
         """Return the run that restores what an interrupted one left."""
         return RestoringRun(self)
 
+    def trial(self, trial: Trial) -> Run:
+        """Return the run of a trial, which asks for a confirmation before it writes."""
+        return TrialRun(self, trial)
+
+    def settle(self, mark: str) -> None:
+        """Forget the values from before a trial that was confirmed.
+
+        Raises:
+            LiveError: If their file is damaged, or cannot be removed.
+        """
+        self._kept.settle(mark)
+
     def close(self) -> None:
         """Close the connection to the plant."""
         self.plant.close()
 
     def look(
-        self, theta: Float[np.ndarray, " n"], *, clock: Callable[[], float] = time.monotonic
+        self,
+        theta: Float[np.ndarray, " n"],
+        *,
+        starts: bool = True,
+        clock: Callable[[], float] = time.monotonic,
     ) -> tuple[Change, ...]:
         """Return what a run of θ, physical, shape (n,), would write; nothing is written.
+
+        Without `starts`, that is what a trial writes: the knobs only.
 
         Raises:
             KnobError: If θ is outside the knobs' ranges.
             LiveError: If the plant cannot be reached, or has a value outside the limits.
         """
-        return self._drive(theta, Hands(clock, lambda seconds: None)).look()
+        return self._drive(theta, Hands(clock, lambda seconds: None), starts=starts).look()
 
     def drive(
         self,
@@ -119,6 +138,36 @@ class LiveRig(LivePlan, Source):
         with self._kept.alone():
             self._recover(drive)
             return drive.run()
+
+    def try_out(
+        self,
+        trial: Trial,
+        confirm: Confirm,
+        *,
+        stop: Callable[[], bool] = lambda: False,
+        closing: Callable[[], bool] = lambda: False,
+        tell: Tell = lambda progress: None,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> tuple[str, bool]:
+        """Have the θ that a trial wants on the plant, until one is confirmed or the trial ends.
+
+        No start value is written. Without another wish within an hour, or ten times the duration of a
+        run if that is longer, the trial ends. All but `trial` is as for `drive`.
+
+        Returns:
+            Why nothing was confirmed, so that the values from before had to be restored; empty if one
+            was. And whether the plant has what it should have.
+
+        Raises:
+            KnobError: If θ is outside the knobs' ranges.
+            LiveError: As `drive`, and if the values from before cannot be forgotten.
+        """
+        hands = Hands(clock, sleep, confirm, stop, closing, tell)
+        first = next(iter(trial.sides.values()))
+        with self._kept.alone():
+            self._recover(self._drive(first, hands))
+            return self._drive(first, hands, starts=False).try_out(trial, max(3600.0, 10 * self.duration))
 
     def measured(self, kpis_of: KPIsOf) -> "LiveRig":
         """Return the same rig, whose experiments have more KPIs than their own."""
@@ -175,9 +224,9 @@ class LiveRig(LivePlan, Source):
     def _kept(self) -> Journal:
         return self.journal or Journal.of(self.plant.address)
 
-    def _drive(self, theta: Float[np.ndarray, " n"], hands: Hands) -> Drive:
+    def _drive(self, theta: Float[np.ndarray, " n"], hands: Hands, *, starts: bool = True) -> Drive:
         values = dict(zip(self.space.names, self.space.check(theta).tolist(), strict=True))
-        return Drive(self, values, self._kept, hands)
+        return Drive(self, values, self._kept, hands, starts=starts)
 
 
 class _Followed(Run):
@@ -217,10 +266,21 @@ class _Followed(Run):
 
     def _tell(self, progress: Progress) -> None:
         self.progress = progress
-        if progress.stage is Stage.RECORDING:
-            with self._lock:
+        with self._lock:
+            if progress.stage is Stage.RECORDING:
                 self._rows.append(progress)
+            elif progress.stage is Stage.WRITING:  # what comes is of another θ
+                self._rows.clear()
         self.changed()
+
+    def _look(self, theta: Float[np.ndarray, " n"], *, starts: bool = True) -> None:
+        try:
+            self.changes = self._rig.look(theta, starts=starts) or None
+        except ConnectionLostError as error:
+            self.problem = f"the server is not reachable: {error}"
+        except LiveError as error:
+            self.problem = str(error)
+        self.waits = True
 
 
 class LiveRun(_Followed):
@@ -247,7 +307,7 @@ class LiveRun(_Followed):
             LiveError: If another process runs on the plant, or it lacks its old values.
         """
         if self._agreed is None:
-            self._look()
+            self._look(self._theta)
             return None
         agreed = self._agreed
         try:
@@ -271,14 +331,52 @@ class LiveRun(_Followed):
         restored = "The old values are restored" if driven.restored else self.problem
         raise RunError(f"{driven.why}. {restored}.", "stopped" if driven.stopped else "raised")
 
-    def _look(self) -> None:
+
+class TrialRun(_Followed):
+    """A trial: it looks at the plant, waits until a person confirms, and has what they want on it."""
+
+    def __init__(self, rig: LiveRig, trial: Trial) -> None:
+        super().__init__(rig)
+        self._trial = trial
+        for theta in trial.sides.values():
+            rig.space.check(theta)
+
+    def supply(self, given: Table | tuple[Change, ...]) -> None:
+        """Let the trial begin, from the values that a person has seen."""
+        if not given or not isinstance(given, tuple):
+            raise LiveError(self.problem or "nothing was confirmed")
+        self.waits, self.moves_plant = False, True
+        self.progress = Progress(Stage.CONNECTING, 0.0, 0.0)
+
+    def advance(self) -> None:
+        """Look at the plant or, once a person has confirmed, have the θ that they want on it.
+
+        Afterward, `problem` says why nothing was confirmed.
+
+        Raises:
+            LiveError: If another process runs on the plant, or it lacks its old values.
+        """
+        if not self.moves_plant:
+            self._look(next(iter(self._trial.sides.values())), starts=False)
+            return
         try:
-            self.changes = self._rig.look(self._theta) or None
-        except ConnectionLostError as error:
-            self.problem = f"the server is not reachable: {error}"
-        except LiveError as error:
-            self.problem = str(error)
-        self.waits = True
+            why, done = self._rig.try_out(
+                self._trial,
+                self._unchanged,
+                stop=lambda: self._stop.is_set() or self._trial.confirmed(),
+                closing=self._closing.is_set,
+                tell=self._tell,
+            )
+        finally:
+            self.progress = None
+        if not done:
+            raise LiveError(f"{why}. The plant does not have its old values yet")
+        self.problem = f"{why}. The plant has the values from before" if why else ""
+
+    def _unchanged(self, changes: tuple[Change, ...]) -> bool:
+        if changes != self.changes:
+            raise LiveError("the plant's values changed before they were confirmed: look again")
+        return True
 
 
 class RestoringRun(_Followed):

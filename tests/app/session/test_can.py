@@ -36,6 +36,8 @@ def arguments(interview, rng):
         "ask_for": (theta,),
         "choose": (theta, now.incumbent),
         "keep_on_plant": (int(rng.choice([0, now.incumbent or 0])), now.incumbent),
+        "try_on_plant": (now.incumbent, None),
+        "end_trial": (),
         "record": (index, csv(5 + 5 * rng.random()), False, None, True),
         "write_and_start": (index,),
         "stop_run": (index,),

@@ -82,7 +82,7 @@ def memory_rig(plant: Memory, folder: Path, **changes: object) -> LiveRig:
 
 def simulate_time(plant: Memory, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let every live rig of a test run by the clock of `plant`."""
-    real, recover = LiveRig.drive, LiveRig.recover
+    real, recover, trying = LiveRig.drive, LiveRig.recover, LiveRig.try_out
 
     def drive(self, theta, confirm, **rest):
         return real(self, theta, confirm, clock=plant.clock, sleep=plant.sleep, **rest)
@@ -90,5 +90,9 @@ def simulate_time(plant: Memory, monkeypatch: pytest.MonkeyPatch) -> None:
     def recovered(self, **rest):
         return recover(self, clock=plant.clock, sleep=plant.sleep, **rest)
 
+    def tried(self, trial, confirm, **rest):
+        return trying(self, trial, confirm, clock=plant.clock, sleep=plant.sleep, **rest)
+
     monkeypatch.setattr(LiveRig, "drive", drive)
+    monkeypatch.setattr(LiveRig, "try_out", tried)
     monkeypatch.setattr(LiveRig, "recover", recovered)

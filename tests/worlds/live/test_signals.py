@@ -66,6 +66,58 @@ def test_a_run_that_is_told_to_end_restores_the_plant(tank, tmp_path, browser, n
     assert not (tmp_path / "old.json").exists()
 
 
+def to_the_trial(watched, served):
+    """Run twice, prefer the second run, and let new be written: it is on the plant then."""
+    page = watched.page
+    page.goto(served.link)
+    for number in (1, 2):
+        page.wait_for_function(
+            f"() => document.getElementById('live-title')?.textContent.includes('{number}')", timeout=60_000
+        )
+        page.click("#write-and-start", timeout=60_000)
+    watched.question()
+    page.keyboard.press("ArrowLeft" if served.state.open[1].challenger_left else "ArrowRight")
+    watched.phase("over")
+    page.click("#trial-open")
+    page.click("#trial-write")
+    page.wait_for_selector("#trial-keep:not([disabled])", timeout=60_000)
+    page.keyboard.press("o")
+    page.wait_for_selector("#trial-side:has-text('New: experiment 2')")
+    page.wait_for_selector("#trial-keep:not([disabled])", timeout=60_000)
+
+
+@pytest.mark.parametrize("ends", ["SIGINT", "SIGKILL", "page closed"])
+def test_a_trial_that_nobody_confirms_leaves_what_the_plant_had(tank, tmp_path, browser, ends):
+    text = TANK.format(url=tank.url, journal=tmp_path / "old.json").replace("duration = 60", "duration = 1")
+    (tmp_path / "tank.toml").write_text(text, encoding="utf-8")
+    served = serve(tmp_path, "tank.toml", "--n-max", "2")
+    try:
+        watched = Watched(browser)
+        to_the_trial(watched, served)
+        new = served.state.history.samples[1].theta
+        assert [tank.values["Kp"], tank.values["Ti"]] == pytest.approx(new, rel=1e-6)
+        assert (tmp_path / "old.json").exists()
+        if ends == "SIGINT":
+            served.stop()
+        elif ends == "SIGKILL":
+            served.kill()
+            time.sleep(0.2)
+            assert [tank.values["Kp"], tank.values["Ti"]] == pytest.approx(new, rel=1e-6)
+            served = serve(tmp_path, "tank.toml", "--n-max", "2")
+            watched.page.goto(served.link)
+            watched.page.wait_for_selector("#trial-open", timeout=60_000)
+            served.stop()
+        else:
+            watched.page.close()
+            served.process.communicate(timeout=90)
+    finally:
+        served.kill()
+    time.sleep(0.2)
+    assert [tank.values[name] for name in ("Kp", "Ti", "Setpoint")] == pytest.approx([1.0, 20.0, 1.0])
+    assert not (tmp_path / "old.json").exists()
+    assert served.state.kept is None
+
+
 def test_a_command_that_ends_without_its_plant_says_what_is_restored_at_the_next_start(tmp_path):
     Journal(tmp_path / "old.json").save({"K_p": 1.5, "T_i": 20.0, "set-point": 1.0})
     text = TANK.format(url="opc.tcp://127.0.0.1:1/tank", journal="old.json")

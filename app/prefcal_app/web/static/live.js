@@ -7,7 +7,7 @@ const [WIDE, HIGH] = [600, 120]; // of a curve, in its own units
 let drawn = ""; // which page is drawn; its parts are then changed in place, so that the focus stays
 
 // Return whether a run is in progress on the plant, which can be stopped.
-export const drives = (now) => Boolean(now?.live?.running) && now.can.includes("stop_run") && !now.live.running.restores;
+export const drives = (now) => Boolean(now?.live?.running) && ["stop_run", "end_trial"].some((step) => now.can.includes(step)) && !now.live.running.restores;
 
 // Return whether the page of the plant is the one to show.
 export const inPlace = (now) => Boolean(now?.live) && (now.phase === "confirm" || (now.phase === "running" && Boolean(now.live.running)));
@@ -17,7 +17,9 @@ export const mustRestore = (now) => Boolean(now?.live?.unrestored || now?.live?.
 
 export function stopLive() {
   const now = current();
-  if (!drives(now) || !now.pending || now.live.running.stopping) return undefined;
+  if (!drives(now) || now.live.running.stopping) return undefined;
+  if (now.can.includes("end_trial")) return act("end_trial", {});
+  if (!now.pending) return undefined;
   return act("stop_run", { index: now.pending.index });
 }
 
@@ -69,7 +71,7 @@ function confirming({ live, pending }) {
     el("p", { class: "faint" }, "Nothing is written before you confirm."));
 }
 
-const written = (changes) => table(["", "now", "new", "limits", "at most, per second"], changes.map(({ name, unit, old, new: next, limits, rate }) =>
+export const written = (changes) => table(["", "now", "new", "limits", "at most, per second"], changes.map(({ name, unit, old, new: next, limits, rate }) =>
   [symbol(name), withUnit(old, unit), ["→ ", withUnit(next, unit)], withUnit(limits, unit), withUnit(rate, unit)]),
 { class: "changes", label: "What is written", kinds: ["", "number", "number new", "number plain", "number plain"] });
 
@@ -117,7 +119,7 @@ function seconds(value) {
 }
 
 // Draw an output so far, with its reference, over the time that the run may take.
-function curve({ name, unit, values, reference }, times, duration) {
+export function curve({ name, unit, values, reference }, times, duration) {
   const known = [...values, ...reference].filter((value) => value !== null);
   const [low, high] = [Math.min(...known), Math.max(...known)];
   const span = Math.max(high - low, 1e-9, Math.abs(high) * 1e-3);

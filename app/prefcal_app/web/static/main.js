@@ -10,6 +10,7 @@ import * as question from "./question.js";
 import { replaceRecord, showRecord } from "./record.js";
 import { showSimulated } from "./simulated.js";
 import { showStatus } from "./status.js";
+import { follow } from "./trial.js";
 import { intro, showFailed, waitFor } from "./waiting.js";
 
 const HEADINGS = {
@@ -38,7 +39,10 @@ function render(before) {
   if (now.phase === "record" && before?.pending?.index !== now.pending?.index) showRecord(now, act);
   if (inPlace(now)) showLive(now, act);
   if (now.phase === "failed") showFailed(now, act);
-  if (now.phase === "over") showOver(now, act);
+  if (now.phase === "over") {
+    showOver(now, act);
+    follow(now);
+  }
   arrange();
   if (before && before.phase !== now.phase && now.phase !== "question") say($("heading").textContent);
   look();
