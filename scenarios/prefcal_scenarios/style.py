@@ -87,6 +87,11 @@ def look(i: int) -> tuple[str, Any]:
     return OTHERS[i % len(OTHERS)], _DASHES[(i + i // len(OTHERS)) % len(_DASHES)]
 
 
+def above(axes: Axes, text: str, points: float, **look: Any) -> None:
+    """Write text `points` above the upper left corner of `axes`."""
+    axes.annotate(text, (0, 1), (0, points), xycoords="axes fraction", textcoords="offset points", **look)
+
+
 def legend(figure: Figure, axes: Axes, columns: int = 6) -> None:
     """Draw a legend with the labels of `axes` above the whole figure."""
     handles, labels = axes.get_legend_handles_labels()

@@ -28,6 +28,7 @@ from prefcal_scenarios.style import (
     LIMIT,
     OTHERS,
     WIDTH,
+    above,
     canvas,
     legend,
     look,
@@ -142,8 +143,8 @@ def figure(
         thetas = [_theta_lines(scenario, curve.experiment.theta) for curve in pair]
         label = 24 + 12 * max(map(len, thetas)) + up
         for axes, curve, lines in zip(tops[:2], pair, thetas, strict=True):
-            _above(axes, "\n".join(lines), 21 + up, color=FAINT, fontsize=8.5)
-            _above(axes, curve.label, label, color=curve.color, fontweight="bold")
+            above(axes, "\n".join(lines), 21 + up, color=FAINT, fontsize=8.5)
+            above(axes, curve.label, label, color=curve.color, fontweight="bold")
         if said:
             drawn.supxlabel("\n".join(said), x=0.01, ha="left", fontsize=9)
     return drawn
@@ -231,7 +232,7 @@ def _drawn(
                 axes.sharex(grid[top, 0] if same else places[0])
         _fill(places, block, short=short)
         if block.heading:
-            _above(places[0], block.heading, 21, fontweight="bold")
+            above(places[0], block.heading, 21, fontweight="bold")
         tops.append(places[0])
     return figure, tops
 
@@ -247,10 +248,6 @@ def _theta_lines(scenario: Scenario, theta: Float[np.ndarray, " n"]) -> list[str
         lines[-1] += f"{',  ' if lines[-1] else ''}{mathtext(knob.name)} = {text}"
         room -= length
     return lines[1:]
-
-
-def _above(axes: Axes, text: str, points: float, **look: Any) -> None:
-    axes.annotate(text, (0, 1), (0, points), xycoords="axes fraction", textcoords="offset points", **look)
 
 
 def _zoomed(panels: Sequence[Plot], curves: Sequence[DrawnRun]) -> Iterator[_Row]:
