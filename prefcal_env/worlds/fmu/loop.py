@@ -249,13 +249,7 @@ class FMULoop:
             return replace(failed, channels=self.channels)
 
     def attempt(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
-        """Simulate θ like a call, but raise RunError if there is no record.
-
-        Raises:
-            RunError: If the FMU hangs, crashes, or fails before the first instant.
-            KnobError: If θ has the wrong shape or leaves the limits of the FMU.
-            PlantError: If the FMU is no longer there.
-        """
+        """Simulate θ like a call, but raise RunError if the FMU hangs, crashes, or leaves no record."""
         theta = self._checked(theta)
         pairs = zip(self._parameters, theta, strict=True)
         try:
