@@ -33,8 +33,7 @@ class ShownDrive:
 
 def shown(record: Any) -> tuple[ShownDrive, ...]:
     """Return the best run and the one before; one run if they are the same."""
-    assert record.best is not None
-    best, before = record.best, record.before
+    best, before = record.result, record.before
     runs = (ShownDrive(best.experiment, f"best (experiment {best.number})", BEST),)
     if best.index == before.index:
         return runs
@@ -126,8 +125,8 @@ def _steering(axes: Axes, run: ShownDrive) -> None:
 
 
 def _alt(record: Any) -> str:
-    assert record.best is not None
-    experiment, kpis = record.best.experiment, record.best.experiment.kpis
+    experiment = record.result.experiment
+    kpis = experiment.kpis
     beside = f", beside the {record.baseline}" if len(shown(record)) > 1 else ""
     return (
         "Path with the vehicles at five moments, speed and steering angle along the road, of the "
