@@ -145,19 +145,7 @@ _TAGS = (
     "source;id;key"
 )
 """Names of columns with tags, the surest first."""
-_VALUES = (
-    "value",
-    "val",
-    "values",
-    "reading",
-    "state",
-    "measured value",
-    "numeric value",
-    "varvalue",
-    "var value",
-    "data",
-    "v",
-)
+_VALUES = "value;val;values;reading;state;measured value;numeric value;varvalue;var value;data;v"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -179,7 +167,7 @@ class _Long:
                 spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", sheet.name(i)).lower()  # of a heading as TagName
                 names.setdefault(" ".join(re.findall(r"[^\W_]+", spaced)), i)
         tag = next((names[name] for name in _TAGS.split(";") if name in names), None)
-        value = next((names[name] for name in _VALUES if name in names), None)
+        value = next((names[name] for name in _VALUES.split(";") if name in names), None)
         if tag is None or value is None:
             tag, value = _by_repetition(sheet, time, [*names.values()])
         if tag is None or value is None or tag == value:

@@ -55,7 +55,7 @@ class Aligned:
     stopped: bool  # whether values that are not finite followed after `t`
 
 
-def align_all(
+def _aligned(
     t: Any,
     outputs: Mapping[str, Any],
     inputs: Mapping[str, Any],
@@ -63,19 +63,7 @@ def align_all(
     signals: Mapping[str, Any],
     unit: str,
 ) -> Aligned:
-    """Check the curves of a run, and bring them to common instants.
-
-    Args:
-        t: Instants in `unit`, shape (K,), for curves without own ones; None if there are none.
-        outputs: Maps the name of each output to its curve, as for `recorded`.
-        inputs: Maps the name of each input to its curve.
-        reference: Maps names of outputs to a number or a curve.
-        signals: Maps names of additional signals to their curves, which may have gaps.
-        unit: Unit of time, for messages.
-
-    Raises:
-        ExperimentError: As `recorded` does.
-    """
+    """Check the curves of a run as `recorded` does, and bring them to common instants."""
     base = None if t is None else instants_of("t", t, unit)
     curves = _curves_of("output", outputs, base, unit)
     held = _curves_of("input", inputs, base, unit, held=True)
@@ -392,7 +380,7 @@ def recorded(
     reference, signals = reference or {}, signals or {}
     look: _Look = (units or {}, limits or {}, bands or {})
     _check_names(y, u, signals, reference, look)
-    run = align_all(t, y, u, reference, signals, time_unit)
+    run = _aligned(t, y, u, reference, signals, time_unit)
     theta = numbers("theta", np.atleast_1d(np.asarray(theta)))
     if end is None:
         end = End.FAILED if not len(run.t) else End.UNSAFE if run.stopped else End.TIME_UP

@@ -7,6 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import timedelta
+from itertools import takewhile
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -643,10 +644,5 @@ def _numbers(cells: Sequence[str], *, comma: bool) -> Float[np.ndarray, " K"] | 
     if not set("".join(cells)) - _PLAIN:
         with suppress(ValueError):  # the usual case, ten times as fast
             return np.array([float(cell or "nan") for cell in cells])
-    found = []
-    for cell in cells:
-        value = _number(cell, comma=comma)
-        if value is None:
-            return None
-        found.append(value)
-    return np.array(found)
+    found = [*takewhile(lambda value: value is not None, (_number(cell, comma=comma) for cell in cells))]
+    return np.array(found, dtype=float) if len(found) == len(cells) else None

@@ -114,13 +114,8 @@ def _holds_stamps(sheet: Sheet, column: int) -> bool:
 def time_unit_of(sheet: Sheet, column: int, given: str | None, said: str | None = None) -> str:
     """Return the unit of the experiment's time: `given`, or the heading's, or else seconds.
 
-    Nobody reads settling times in what loggers count: of time_ms and finer, the unit is s.
-
-    Args:
-        sheet: Table.
-        column: Number of the column with the time.
-        given: Unit that is wanted.
-        said: Unit of the numbers in the column, for a heading without one.
+    Nobody reads settling times in what loggers count: of time_ms and finer, the unit is s. `said` is the
+    unit of the numbers in the column, for a heading without one.
     """
     name, unit = parts_of(sheet.headings[column])
     spelled = _words(name)[1]

@@ -40,7 +40,6 @@ def choice_of(name: str, config: Mapping[str, Any]) -> Scenario:
         SettingsError: If a column is named twice, or there is no such study; a file holds none.
         MissingExtraError: If what reads it is not installed.
     """
-    better: Mapping[str, str] = {}
     if "://" in name:
         trials = world("optuna").inside("prefcal_scenarios").trials
         frame, better = trials(name, config.get("of"), config.get("until"))
@@ -49,7 +48,7 @@ def choice_of(name: str, config: Mapping[str, Any]) -> Scenario:
         raise SettingsError(f"of names a study in a storage, and {name!r} is a file, got {config['of']!r}")
     else:
         try:
-            source = Rows(sheet_of(Path(name)), config, better)
+            source = Rows(sheet_of(Path(name)), config, {})
         except RecordError as error:
             raise RecordError(f"{name}: {error}") from error
     ids = source.candidates[:, 0]

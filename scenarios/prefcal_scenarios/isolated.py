@@ -51,13 +51,6 @@ class OwnSource(Source):
         return _loaded, (self._path, self._ranges)
 
 
-def ranges_of(space: KnobSpace | None) -> Ranges:
-    """Return the ranges of a study as plain data; None for those of the scenario."""
-    if space is None:
-        return None
-    return {"knobs": knobs_as_dicts(space), "within": within_as_dict(space)}
-
-
 def work_of(source: str, limit: float) -> Callable[[tuple[Any, int, Ranges]], bytes]:
     """Return, in a worker, what runs θ with a seed in ranges in `limit` seconds: an experiment's bytes."""
     name = source.partition("{")[0].strip()
@@ -77,11 +70,11 @@ def work_of(source: str, limit: float) -> Callable[[tuple[Any, int, Ranges]], by
 
 
 def _loaded(path: str, ranges: Ranges) -> Source:
-    """Return the source of the scenario, with the ranges of the study."""
     return _source_of(load(path), ranges)
 
 
 def _source_of(scenario: Scenario, ranges: Ranges) -> Source:
+    """Return the source of the scenario, with the ranges of the study."""
     if ranges is None:
         return scenario.source
     by_now = space_of(ranges)
@@ -104,7 +97,10 @@ class Isolated(Source):
     def __init__(
         self, own: Source, path: str, workers: Sequence[Worker], space: KnobSpace | None = None
     ) -> None:
-        self._own, self._path, self._workers, self._space = own, path, tuple(workers), space
+        self._own, self._path, self._workers = own, path, tuple(workers)
+        self._ranges: Ranges = None
+        if space is not None:
+            self._ranges = {"knobs": knobs_as_dicts(space), "within": within_as_dict(space)}
         self.channels, self.signals, self.controller = own.channels, own.signals, own.controller
         self.function, self.maneuvers, self.limit = own.function, own.maneuvers, workers[0].limit
         self._idle = SimpleQueue[Worker]()
@@ -113,8 +109,7 @@ class Isolated(Source):
 
     def begin(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Run:
         """Return a run of θ, physical, shape (n,), which can be stopped from now on."""
-        request = theta, seed, ranges_of(self._space)
-        return _WorkerRun(request, self._workers, self._idle)
+        return _WorkerRun((theta, seed, self._ranges), self._workers, self._idle)
 
     def within(self, space: KnobSpace) -> "Isolated":
         """Return the same source with the ranges of `space`."""
@@ -127,7 +122,7 @@ class Isolated(Source):
     @property
     def elsewhere(self) -> Source:
         """Return the same source for the workers of a pool: each loads the user's file."""
-        return OwnSource(self._path, ranges_of(self._space))
+        return OwnSource(self._path, self._ranges)
 
     @property
     def hangs(self) -> bool:

@@ -247,15 +247,11 @@ def _hides_itself(path: Path) -> bool:
                 imported |= {alias.name.partition(".")[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and not node.level:
                 imported.add((node.module or "").partition(".")[0])
-    return name in imported or (name in _needed() and _elsewhere(name, path))
-
-
-def _needed() -> set[str]:
-    """Return the names of the libraries that prefcal may still have to import."""
+    needed = set[str]()  # libraries that prefcal may still have to import
     with suppress(PackageNotFoundError):
         listed = (re.split(r"[^\w-]", each)[0] for each in requires("prefcal") or ())
-        return {each.lower().replace("-", "_") for each in listed} - sys.modules.keys()
-    return set()
+        needed = {each.lower().replace("-", "_") for each in listed} - sys.modules.keys()
+    return name in imported or (name in needed and _elsewhere(name, path))
 
 
 def _elsewhere(name: str, path: Path) -> bool:

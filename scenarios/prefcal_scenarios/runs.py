@@ -34,8 +34,6 @@ from .scenario import KPI, Scenario
 
 INTERRUPTED = "interrupted"
 """Name of the KPI that is 1 for a run that was stopped or failed, and 0 otherwise."""
-
-
 WORST = "worst"
 """Group of the KPIs that are the worst of all maneuvers."""
 

@@ -6,7 +6,7 @@ Blue marks the best experiment, orange what it is compared with, gray the first 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from io import BytesIO
-from typing import IO, Any
+from typing import Any
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
@@ -67,24 +67,25 @@ def canvas(height: float, width: float = WIDTH) -> Figure:
     return figure
 
 
-def save(figure: Figure, target: IO[bytes]) -> None:
-    """Write a PNG whose bytes depend on the picture alone."""
+def png(figure: Figure) -> bytes:
+    """Return a PNG whose bytes depend on the picture alone."""
     engine = figure.get_layout_engine()
     if engine is not None:  # otherwise `savefig` draws the figure twice, the first time for this
         engine.execute(figure)
         figure.set_layout_engine("none")
-    figure.savefig(target, format="png", metadata={"Software": None}, pil_kwargs={"compress_level": 4})
-
-
-def png(figure: Figure) -> bytes:
-    """Return a PNG, see `save`."""
-    save(figure, buffer := BytesIO())
+    buffer = BytesIO()
+    figure.savefig(buffer, format="png", metadata={"Software": None}, pil_kwargs={"compress_level": 4})
     return buffer.getvalue()
 
 
 def look(i: int) -> tuple[str, Any]:
     """Return color and dashes of reference number `i`, from 0: nine of them differ."""
     return OTHERS[i % len(OTHERS)], _DASHES[(i + i // len(OTHERS)) % len(_DASHES)]
+
+
+def above(axes: Axes, text: str, points: float, **look: Any) -> None:
+    """Write text `points` above the upper left corner of `axes`."""
+    axes.annotate(text, (0, 1), (0, points), xycoords="axes fraction", textcoords="offset points", **look)
 
 
 def legend(figure: Figure, axes: Axes, columns: int = 6) -> None:

@@ -100,8 +100,6 @@ def meaning(kpi: KPI) -> str:
 
 INTERRUPTED = "unsafe: run interrupted"
 """Text for an experiment that counts as unsafe although no person marked it."""
-
-
 CUT_SHORT = "run cut short, it could no longer win"
 """Text for an experiment whose run was cut short."""
 

@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import partial
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -301,12 +300,10 @@ def _draw(checkup: Checkup, path: Path) -> Path | None:
         return None
     # Imported here: plotting takes half a second to import.
     from prefcal_app.report.pictures import alone
-    from prefcal_scenarios.style import save
+    from prefcal_scenarios.style import png
 
-    buffer = BytesIO()
     try:
-        save(alone(checkup.scenario, experiment), buffer)
-        put(path, buffer.getvalue())
+        put(path, png(alone(checkup.scenario, experiment)))
     except Exception as error:  # panels are the user's code
         checkup.findings.append(_failed("picture", error))
         return None

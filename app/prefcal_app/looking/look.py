@@ -160,7 +160,7 @@ class SideBySide:
             for run, (color, dashes) in zip((self.left, self.right), looks, strict=True)
         ]
         with style():
-            return png(overlaid(self.panels, curves))
+            return png(overlaid(lambda *_: self.panels, curves))
 
     def save(self, path: str | Path) -> Path:
         """Write the picture of both runs to a PNG file and return its path.

@@ -7,10 +7,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from importlib.metadata import PackageNotFoundError, version
+from itertools import starmap
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 from jaxtyping import Float
 
@@ -22,6 +24,7 @@ from prefcal_env.disk import digest_of
 from prefcal_env.errors import ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import Channel, Channels, Controller, End
 from prefcal_env.knobs import KnobSpace
+from prefcal_env.plain import from_plain
 from prefcal_env.plants.plant import Disturbed
 from prefcal_env.plants.systems import LinearPlant, LinearSystem
 from prefcal_env.sources.source import plant_of
@@ -141,15 +144,14 @@ def load_controller(path: str | Path, *, check: bool = True) -> Controller:
     if (described := _described(content, path)) is not None:
         return described
     scenario = _loaded(content, path)
-    if scenario.controller is None:  # the run of an own scenario knows how
-        scenario = replace(scenario, controller=scenario.source.controller)
-    if scenario.controller is None:
+    make = scenario.controller or scenario.source.controller  # the run of an own scenario knows how
+    if make is None:
         raise ScenarioError(f"scenario {scenario.name!r} does not say how to build a controller")
     values = _values(scenario, content["theta"], path)
     if check and scenario.settings is not None:
         _same_settings(content["settings"], jsonable(scenario.settings(values)), path)
-    assert scenario.controller is not None
-    return scenario.controller(values)
+    made: Controller = make(values)
+    return made
 
 
 FORMS = "forms"
@@ -242,28 +244,19 @@ def _about(content: Mapping[str, Any], channels: Channels, digest: str) -> str:
 
 def _channels_of(content: Mapping[str, Any]) -> Channels:
     """Return the channels of a best.json; those of an earlier version say none."""
-    said = content.get("channels", {})
-    try:
-        x, u, y = (
-            tuple(_channel(*_list(each)) for each in _list(said.get(key, []))) for key in ("x", "u", "y")
-        )
-        return Channels(x, u, y, str(said.get("time_unit", "")))
-    except (AttributeError, TypeError, ValueError) as error:
-        raise ScenarioError(
-            f'"channels" of a best.json must name channels with units, got {said!r:.200}'
-        ) from error
+    what = '"channels" of a best.json, which must name channels with units,'
+    said = from_plain(content.get("channels", {}), _Connected, ScenarioError, what)
+    x, u, y = (tuple(starmap(Channel, named)) for named in (said.x, said.u, said.y))
+    return Channels(x, u, y, said.time_unit)
 
 
-def _channel(name: Any, unit: Any) -> Channel:
-    if not (isinstance(name, str) and isinstance(unit, str)):
-        raise TypeError("a channel has a name and a unit")
-    return Channel(name, unit)
+class _Connected(msgspec.Struct):
+    """What a controller is connected to, by name and unit, as a best.json says it."""
 
-
-def _list(value: Any) -> list[Any]:
-    if not isinstance(value, list):
-        raise TypeError("a list, not a text of as many letters")
-    return value
+    x: list[tuple[str, str]] = []
+    u: list[tuple[str, str]] = []
+    y: list[tuple[str, str]] = []
+    time_unit: str = ""
 
 
 def _as_text(parameters: Sequence[PIDParameter]) -> str:

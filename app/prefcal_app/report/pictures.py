@@ -28,6 +28,7 @@ from prefcal_scenarios.style import (
     LIMIT,
     OTHERS,
     WIDTH,
+    above,
     canvas,
     legend,
     look,
@@ -71,8 +72,7 @@ class _Block:
 
 def curves_of(record: StudyRecord, *, references: bool = True) -> list[DrawnRun]:
     """Return the baseline, the references and the best run, except runs without any record."""
-    assert record.best is not None
-    first, best = record.before, record.best
+    first, best = record.before, record.result
     alone = {record.baseline: first.experiment}
     (name, _), *others = (record.compared_with if references else alone).items()
     curves = [DrawnRun(first.experiment, f"{name} ({first.number})", FIRST, 1.4)]
@@ -104,7 +104,7 @@ def best_against(
     if not curves:
         return None
     draws = partial(panels_of, record.scenario)
-    return _together(lambda *runs: draws(*runs)[:panels], curves, zooms=references, most=most, width=width)
+    return overlaid(lambda *runs: draws(*runs)[:panels], curves, zooms=references, most=most, width=width)
 
 
 def figure(
@@ -142,8 +142,8 @@ def figure(
         thetas = [_theta_lines(scenario, curve.experiment.theta) for curve in pair]
         label = 24 + 12 * max(map(len, thetas)) + up
         for axes, curve, lines in zip(tops[:2], pair, thetas, strict=True):
-            _above(axes, "\n".join(lines), 21 + up, color=FAINT, fontsize=8.5)
-            _above(axes, curve.label, label, color=curve.color, fontweight="bold")
+            above(axes, "\n".join(lines), 21 + up, color=FAINT, fontsize=8.5)
+            above(axes, curve.label, label, color=curve.color, fontweight="bold")
         if said:
             drawn.supxlabel("\n".join(said), x=0.01, ha="left", fontsize=9)
     return drawn
@@ -154,18 +154,10 @@ def alone(scenario: Scenario, experiment: Experiment) -> Figure:
     theta = "\n".join(_theta_lines(scenario, experiment.theta))
     with style():
         curve = DrawnRun(experiment, theta, BEST, 1.9)
-        return _together(partial(panels_of, scenario), [curve], zooms=True)
+        return overlaid(partial(panels_of, scenario), [curve], zooms=True)
 
 
-def overlaid(panels: Sequence[Plot], curves: Sequence[DrawnRun]) -> Figure:
-    """Draw experiments over each other, a panel per signal, with the references that change.
-
-    Several maneuvers are drawn next to each other.
-    """
-    return _together(lambda *_: tuple(panels), curves)
-
-
-def _together(
+def overlaid(
     panels: Callable[..., Sequence[Plot]],
     curves: Sequence[DrawnRun],
     *,
@@ -173,14 +165,10 @@ def _together(
     most: float = np.inf,
     width: float = WIDTH,
 ) -> Figure:
-    """Draw runs over each other: a column of panels for each maneuver, with a legend.
+    """Draw runs over each other, with the references that change: a column of panels for each maneuver.
 
-    Args:
-        panels: Function that returns the panels of the runs of one maneuver.
-        curves: Runs with their labels and colors; one or more left a record.
-        zooms: Whether a narrow band around a target gets a panel of its own, without maneuvers.
-        most: Largest height of the figure, in inches.
-        width: Width of the figure, in inches.
+    `panels` returns those of the runs of one maneuver; one or more runs left a record. With `zooms`, and
+    without maneuvers, a narrow band around a target gets a panel of its own. Sizes are as for `best_against`.
     """
     parts = maneuvers_of(*(curve.experiment for curve in curves))
     blocks = []
@@ -231,7 +219,7 @@ def _drawn(
                 axes.sharex(grid[top, 0] if same else places[0])
         _fill(places, block, short=short)
         if block.heading:
-            _above(places[0], block.heading, 21, fontweight="bold")
+            above(places[0], block.heading, 21, fontweight="bold")
         tops.append(places[0])
     return figure, tops
 
@@ -247,10 +235,6 @@ def _theta_lines(scenario: Scenario, theta: Float[np.ndarray, " n"]) -> list[str
         lines[-1] += f"{',  ' if lines[-1] else ''}{mathtext(knob.name)} = {text}"
         room -= length
     return lines[1:]
-
-
-def _above(axes: Axes, text: str, points: float, **look: Any) -> None:
-    axes.annotate(text, (0, 1), (0, points), xycoords="axes fraction", textcoords="offset points", **look)
 
 
 def _zoomed(panels: Sequence[Plot], curves: Sequence[DrawnRun]) -> Iterator[_Row]:
@@ -473,8 +457,7 @@ def _widened(low: float, high: float, kpi: KPI) -> tuple[float, float]:
 
 def knobs(record: StudyRecord) -> Figure:
     """Draw each experiment along each knob, at its learned cost or else at its number."""
-    assert record.best is not None
-    space, best = record.scenario.space, record.best
+    space, best = record.scenario.space, record.result
     across = min(len(space), _KNOBS_ACROSS)
     down = -(-len(space) // across)
     figure = canvas(0.4 + 2.5 * down)
@@ -606,17 +589,12 @@ def draw(record: StudyRecord, extra: Sequence[Picture] = ()) -> list[Drawn]:
 
 
 def _best_theta(record: StudyRecord) -> str:
-    assert record.best is not None
-    return theta_text(record.scenario.space, record.best.experiment.theta)
+    return theta_text(record.scenario.space, record.result.experiment.theta)
 
 
 def _best_alt(record: StudyRecord) -> str:
-    assert record.best is not None
-    kpis = [
-        f"{k.title} {measured(k, record.best.experiment)} {k.unit}".rstrip()
-        for k in record.kpis
-        if k.name in record.best.experiment.kpis
-    ]
+    best = record.result.experiment
+    kpis = [f"{k.title} {measured(k, best)} {k.unit}".rstrip() for k in record.kpis if k.name in best.kpis]
     against = ", ".join(record.compared_with)
     return (
         f"Time plots of the best run ({_best_theta(record)}) against the {against}. Best: {', '.join(kpis)}."
@@ -624,10 +602,8 @@ def _best_alt(record: StudyRecord) -> str:
 
 
 def _course_alt(record: StudyRecord) -> str:
-    assert record.best is not None
-    kpis = []
+    kpis, sides = [], (record.before, record.result)
     for kpi in drawn_kpis(record):
-        sides = (record.before, record.best)
         if kpi is INDEX:
             texts = [number(trial.cost) for trial in sides]
         else:

@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_app.session.study import ENOUGH, GOOD_ENOUGH, why_over
+from prefcal_app.session.study import ENOUGH, GOOD_ENOUGH
 from prefcal_app.summary import VERDICTS as VERDICTS
 from prefcal_app.summary import Outlook, Spread
 from prefcal_app.view.end import FIRST, gain_view, gained, pid_rows
@@ -106,14 +106,9 @@ def claim_default(base: Path, owner: Owner) -> Ownership:
     Raises:
         SettingsError: If none can be created or written to.
     """
-    for copy in count(1):
-        path = base if copy == 1 else base.with_name(f"{base.name}-{copy}")
-        if path.exists() and not path.is_dir():
-            continue
-        claim = _claim(path, owner)
-        if claim is not None:
-            return claim
-    raise AssertionError("never reached: count does not end")
+    paths = (base if copy == 1 else base.with_name(f"{base.name}-{copy}") for copy in count(1))
+    folders = (path for path in paths if path.is_dir() or not path.exists())
+    return next(claim for path in folders if (claim := _claim(path, owner)))
 
 
 def _claim(path: Path, owner: Owner) -> Ownership | None:
@@ -351,13 +346,12 @@ class StudyRecord:
     @cached_property
     def margins(self) -> tuple[Margins | str, ...]:
         """Return the margins of the result and of the tuning before, or why there are none."""
-        assert self.best is not None
         try:
             known = self.scenario.source.varied()
         except PrefcalError:  # such as a file that runs in a process of its own
             has_plant = plant_of(self.scenario.source) is not None
             return ("prefcal verify best.json computes them" if has_plant else UNKNOWN,)
-        return tuple(margins_at(known, trial.experiment.theta) for trial in (self.best, self.before))
+        return tuple(margins_at(known, trial.experiment.theta) for trial in (self.result, self.before))
 
     @property
     def asked(self) -> tuple[Comparison, ...]:
@@ -397,11 +391,6 @@ class StudyRecord:
         return self.stopped and self.ended != GOOD_ENOUGH
 
     @property
-    def why_over(self) -> str:
-        """Return why the study ended, in words."""
-        return why_over(self.ended)
-
-    @property
     def reached(self) -> str:
         """Return how many experiments ran, and how many of them wait for their answer, in words."""
         compared = {c.query.challenger.index for c in self.comparisons}
@@ -418,6 +407,12 @@ class StudyRecord:
     def best(self) -> Trial | None:
         """Return the best experiment; None before the first."""
         return self.incumbents[-1] if self.comparisons else None
+
+    @property
+    def result(self) -> Trial:
+        """Return the best experiment of a study that has one."""
+        assert self.best is not None
+        return self.best
 
     @cached_property
     def incumbents(self) -> tuple[Trial, ...]:
@@ -468,21 +463,19 @@ class StudyRecord:
 # --- List the tables of the report: the result, every experiment, and every comparison, also as CSV.
 
 _T = TypeVar("_T")
-_MOST = 3  # number of KPIs that the table of experiments shows
+MOST = 3  # number of KPIs that the table of experiments shows
 
 
 def gain_rows(record: StudyRecord) -> list[dict[str, Any]]:
     """Return what was gained, a row for each KPI, as the page shows it."""
-    assert record.best is not None
     spread = Spread(trial.experiment.kpis for trial in record.trials)
-    return gained(record.before.experiment, record.best.experiment, record.kpis, spread)
+    return gained(record.before.experiment, record.result.experiment, record.kpis, spread)
 
 
 def gain_of(record: StudyRecord) -> dict[str, Any]:
     """Return what was gained over the baseline, as the page shows it."""
-    assert record.best is not None
     before = theta_view(record.scenario.space, record.before.experiment)
-    return gain_view(record.baseline, record.best.index, gain_rows(record), before)
+    return gain_view(record.baseline, record.result.index, gain_rows(record), before)
 
 
 def foremost(ranked: Sequence[_T], room: int, has_limit: Callable[[_T], bool]) -> list[_T]:
@@ -543,8 +536,7 @@ def pid_text(record: StudyRecord) -> str:
 
 def result_columns(record: StudyRecord) -> dict[str, Experiment]:
     """Return the experiments of the result table by heading: best, baseline, references."""
-    assert record.best is not None
-    return {"best": record.best.experiment, **record.compared_with}
+    return {"best": record.result.experiment, **record.compared_with}
 
 
 def result_rows(record: StudyRecord, experiments: Iterable[Experiment]) -> Iterator[dict[str, Any]]:
@@ -578,11 +570,10 @@ def result_table(record: StudyRecord) -> dict[str, Any]:
 
 def experiment_table(record: StudyRecord) -> dict[str, Any]:
     """Return every experiment with θ and the main KPIs, in the order of their numbers."""
-    assert record.best is not None
-    kpis = shown_values(record)
+    kpis = foremost_kpis(record, MOST)
     rows = []
     for trial in record.trials:
-        kind = "best" if trial.index == record.best.index else ""
+        kind = "best" if trial.index == record.result.index else ""
         theta = theta_texts(record.scenario.space, trial.experiment.theta)
         cells = [cell(text, kind=kind) for text in theta]
         cells += [judged(kpi, trial.experiment, kind) for kpi in kpis]
@@ -618,11 +609,6 @@ def _answered(comparison: Comparison) -> Iterator[dict[str, Any]]:
     yield cell("; ".join(marks_text(answer)), kind="words")
     for sample, wins in ((query.challenger, Preference.CHALLENGER), (query.incumbent, Preference.INCUMBENT)):
         yield cell(str(sample.index + 1), kind="best" if answer.preference is wins else "")
-
-
-def shown_values(record: StudyRecord) -> list[KPI]:
-    """Return the KPIs that tell experiments apart, as many as fit into a table."""
-    return foremost_kpis(record, _MOST)
 
 
 def comparisons_as_csv(record: StudyRecord) -> str:

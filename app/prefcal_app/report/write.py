@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from prefcal_app.session.study import why_over
 from prefcal_app.summary import kept_text
 from prefcal_app.view.end import FIRST, pid_table
 from prefcal_app.view.question import cell, row, table, theta_view
@@ -86,8 +87,7 @@ def environment(*packages: str) -> Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    made.filters |= {"subscripts": with_subscripts, "symbols": symbols_in}
-    made.filters |= {"listed": listed, "data_uri": data_uri}
+    made.filters |= {"subscripts": with_subscripts, "symbols": symbols_in, "data_uri": data_uri}
     made.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "sort_keys": True}
     css = files("prefcal_app.report").joinpath("report.css").read_text(encoding="utf-8")
     made.globals["css"] = Markup(css)
@@ -103,17 +103,17 @@ def page(
 ) -> str:
     """Return the text of report.html, with what was verified and the open loop as for `sheet`."""
     view: dict[str, Any] = {"lead": lead(record), "rebuild": REBUILD, "origin": record.origin}
-    view["kept"] = kept_text(record.kept)
+    view |= {"kept": kept_text(record.kept), "why_over": why_over(record.ended)}
     if record.best is not None:
-        theta = theta_view(record.scenario.space, record.best.experiment)
+        view["origin"] |= {"model": model(record)}
         view |= {
-            "theta": theta,
+            "theta": theta_view(record.scenario.space, record.best.experiment),
             "pid": pid_table(pid_forms_of(record), record.baseline),
             "experiments": experiment_table(record),
+            "gain": gain_of(record),
+            "result": result_table(record),
+            "verified": Markup(_in_report(verified, loop)),
         }
-        view |= {"gain": gain_of(record), "result": result_table(record)}
-        view["origin"] |= {"model": model(record)}
-        view |= {"verified": Markup(_in_report(verified, loop))}
     if record.asked and not record.scored:
         view["comparisons"] = comparison_table(record)
     template = environment().get_template("report/report.html.j2")
@@ -132,11 +132,6 @@ def lead(record: StudyRecord) -> str:
         return f"Calibrated by its score, without comparisons: {tried}"
     verdicts = ", ".join(f"{words} {n}" for words, n in record.verdict_counts().items())
     return f"Calibrated by preferences: {tried}, {record.questions} comparisons ({verdicts})"
-
-
-def listed(value: object) -> str:
-    """Return a value as text, with a list's items separated by commas."""
-    return ", ".join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)
 
 
 # --- Answer, on the acceptance sheet, what a colleague asks who has to answer for the tuning, too.
@@ -187,8 +182,7 @@ def answers(record: StudyRecord) -> Answers:
 
 
 def _back(record: StudyRecord) -> str:
-    assert record.best is not None
-    before, after, name = record.before.number, record.best.number, record.baseline
+    before, after, name = record.before.number, record.result.number, record.baseline
     said = f"Before: {name} (experiment {before}). After: experiment {after}."
     if before == after:
         said += f" No experiment beat the {name}." if record.questions else " Nothing was compared."
@@ -501,8 +495,7 @@ def sheet_of(record: StudyRecord) -> dict[str, Any]:
         largest change first, of limits kept, and how the runs ended; `more_knobs`, `more_kpis`:
         numbers of those for which the page has no room; `room`: what is left of it in mm.
     """
-    assert record.best is not None
-    before, after = record.before, record.best
+    before, after = record.before, record.result
     knobs, kpis = list(_knobs(record)), [_row(*(kpi[name] for name in _KPI)) for kpi in gain_rows(record)]
     kept = limits_kept(before.experiment, after.experiment, resting(record.scenario))
     limits = list(kept)[: _MOST_ROWS - _LEAST]
@@ -555,8 +548,7 @@ def _row(
 
 def _knobs(record: StudyRecord) -> Iterator[dict[str, Any]]:
     """Yield a line for each knob, then the gains of a PID in its parallel form."""
-    assert record.best is not None
-    before, after = record.before.experiment, record.best.experiment
+    before, after = record.before.experiment, record.result.experiment
     lines = [
         (
             knob.name,
@@ -684,8 +676,9 @@ def write_report(record: StudyRecord, folder: Path, extra: Sequence[Picture] = (
         (folder / stale).unlink(missing_ok=True)
     for d in drawn:
         put(folder / d.picture.file, d.content)
-    verified = None if record.best is None else _verified(folder)
+    verified = None
     if record.best is not None:
+        verified = _verified(folder)
         if not (isinstance(verified, Verified) and _drawn_in(folder)):
             _keep_loop(folder, record.scenario, record.margins)
         put(folder / FILE, sheet(record, verified, _drawn_in(folder)).encode())

@@ -14,7 +14,7 @@ from prefcal_bench.results.campaign import campaign_of
 from prefcal_bench.results.drawing import agent_styles, drawn
 from prefcal_bench.results.rows import worth_rows
 from prefcal_bench.results.statistics import random_search
-from prefcal_scenarios.style import save, style
+from prefcal_scenarios.style import png, style
 
 FACTORS = {"GLISp": 1.0, "Own": 3.0, "RandomSearch": 100.0}
 
@@ -26,9 +26,7 @@ def house_style():
 
 
 def pixels(figure):
-    buffer = BytesIO()
-    save(figure, buffer)
-    return np.array(Image.open(buffer).convert("RGB"))
+    return np.array(Image.open(BytesIO(png(figure))).convert("RGB"))
 
 
 def draw(results, value="gap", unit="experiments"):

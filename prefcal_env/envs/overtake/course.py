@@ -15,7 +15,9 @@ from prefcal_env.experiments.experiment import Channels, End, Measurement, Recor
 from prefcal_env.plants.bicycle import Bicycle
 
 from .scene import (
+    HIGH,
     KEEPING_SPEED,
+    LOW,
     T_S_RANGE,
     DrivePhase,
     Mover,
@@ -28,19 +30,16 @@ from .scene import (
     kept,
     next_phase,
     outside,
-    overlap,
+    separation,
     signals_of,
     surely_apart,
 )
 
-DEFAULT_T_S = 0.1
 SUB_STEP = 0.02
 """Longest step between recorded instants [s]."""
 ROAD_MARGIN = 1.0
 """Distance off the road at which a body has left it [m]."""
 _PLANT, _NONE = Bicycle(), np.zeros(0)
-LOW, HIGH = np.array([(c.low, c.high) for c in _PLANT.inputs]).T
-"""Limits of v [m/s] and δ_s [rad]."""
 
 
 class Mishap(Enum):
@@ -100,7 +99,7 @@ class Course:
         elif seed is not None or self._rng is None:
             # Gymnasium's own way, so that a seed means the same drivers here and in `OvertakeEnv`.
             self._rng, _ = seeding.np_random(seed)
-        T_s = number_in(given.get("T_s", DEFAULT_T_S), T_S_RANGE, "T_s")
+        T_s = number_in(given.get("T_s", 0.1), T_S_RANGE, "T_s")
         x0 = given.get("x0")
         pose = plant_vector(self.options.x0 if x0 is None else x0, 3, "initial pose x0")
         simulation = None
@@ -111,7 +110,7 @@ class Course:
             simulation = Drivers(self.options, pose, self._rng)
         movers: tuple[Mover, ...] = (Obstacle(), *(simulation.tracks if simulation else ()))
         # Such a start ends every run in the first instant, whatever θ is: that is the caller's mistake.
-        touching = any(overlap(pose[None], o.at(np.zeros(1))[:, :3])[0] for o in movers)
+        touching = any(separation(pose[None], o.at(np.zeros(1))[:, :3])[0] <= 0 for o in movers)
         if touching or outside(pose[None], self.options.road)[0] > ROAD_MARGIN:
             raise PlantError(f"the initial pose x0 is in a collision or off the road: {pose}")
         self.simulation, self.movers = simulation, movers

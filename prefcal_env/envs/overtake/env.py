@@ -17,8 +17,8 @@ from prefcal_env.errors import PlantError, SettingsError
 from prefcal_env.experiments.experiment import End, Measurement, Record
 from prefcal_env.plants.bicycle import KMH
 
-from .course import HIGH, LOW, Course, Mishap
-from .scene import MISHAP_COST, T_S_RANGE, OvertakeOptions, paper_scene, stage_cost
+from .course import Course, Mishap
+from .scene import HIGH, LOW, MISHAP_COST, T_S_RANGE, OvertakeOptions, paper_scene, stage_cost
 from .vehicles import CRASHED, OWN, OwnVehicle, place, road_of
 
 Array = np.ndarray[Any, Any]
@@ -225,13 +225,8 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
     ) -> tuple[Any, dict[str, Any]]:
         """Start an episode; `T_s` [s] and `x0` apply to this one, `config` from now on.
 
-        What was written into `env.unwrapped.config` since counts from now on, too.
-
-        Raises:
-            SettingsError: If an option is unknown, the sampling time is out of range, or the
-                configuration is not valid.
-            PlantError: If the pose has the wrong shape, is not finite, off the road, or in a
-                collision.
+        What was written into `env.unwrapped.config` since counts from now on, too. Raises as
+        `Course.reset` does, and SettingsError if the configuration is not valid.
         """
         given = known_options(options, ("T_s", "x0", "config"))
         config = given.pop("config", None)
@@ -256,12 +251,7 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
         return self.vehicle.inputs(self.T_s)  # type: ignore[no-any-return]
 
     def apply(self, u: Float[np.ndarray, " 2"]) -> Period:
-        """Hold v [m/s] and δ_s [rad], shape (2,), for one sampling period; they saturate.
-
-        Raises:
-            PlantError: If the inputs have the wrong shape or are NaN.
-            ProtocolError: If no episode is running.
-        """
+        """Hold v [m/s] and δ_s [rad], shape (2,), for one sampling period; see `Course.apply`."""
         phase = self.course.phase
         step = self.course.apply(u)
         self._reward_of_step = -stage_cost(step.t, step.x[:, 1], step.u, phase) * step.duration

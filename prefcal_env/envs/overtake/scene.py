@@ -31,18 +31,16 @@ SAFETY_DISTANCE = 10.0
 """Overtaking begins when the gap falls below it and ends when it is as large behind [m]."""
 MIN_LATERAL_DISTANCE = 3.0
 """Smallest distance between the center lines while overtaking [m]."""
-HORIZON = 15.0
-"""Duration: an experiment lasts until the first sample at or after it [s]."""
 T_S_RANGE = (0.085, 0.5)
 """Range of sampling times [s]."""
-START = (0.0, 0.0, 0.0)
-"""Initial x_f [m], y_f [m] and θ [rad] of the ego vehicle."""
+LOW, HIGH = np.array([(c.low, c.high) for c in Bicycle.inputs]).T
+"""Limits of v [m/s] and δ_s [rad] of the ego vehicle."""
 KEEPING_SPEED, OVERTAKING_SPEED = 50 * KMH, 60 * KMH
 """References of v in the two phases [m/s]."""
 KEEPING_SPEEDS, OVERTAKING_SPEEDS = (40 * KMH, 70 * KMH), (50 * KMH, 70 * KMH)
 """Limits of v in the two phases [m/s]."""
-OBSTACLE_START, OBSTACLE_SPEED = (30.0, 0.0), 40 * KMH
-"""Initial position [m] and constant speed [m/s] of the paper's obstacle."""
+OBSTACLE_SPEED = 40 * KMH
+"""Constant speed of the paper's obstacle [m/s]."""
 MISHAP_COST = 10.0
 """Stage cost for the rest of the horizon after a mishap [1/s]: no reasonable state costs as much,
 so it never pays to end an episode."""
@@ -149,8 +147,8 @@ class OvertakeOptions:
         SettingsError: If a number is out of range or the type is unknown.
     """
 
-    x0: tuple[float, float, float] = START
-    duration: float = HORIZON
+    x0: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    duration: float = 15.0
     lanes_count: int = 2
     vehicles_count: int = 0
     vehicles_density: float = 1.0
@@ -194,7 +192,8 @@ class OvertakeOptions:
 
 def paper_scene() -> dict[str, Any]:
     """Return the configuration of the paper's scene, with all keys."""
-    return asdict(OvertakeOptions()) | {"x0": list(START)}
+    options = asdict(OvertakeOptions())
+    return options | {"x0": list(options["x0"])}
 
 
 # --- Bodies on the road: rectangles of 4.5 x 1.8 m, each a pose (x, y [m], heading [rad]).
@@ -237,11 +236,6 @@ def distance(a: Poses, b: Poses) -> Float[np.ndarray, " K"]:
     It is always at a corner of one of them, and 0 if a corner of one is in the other.
     """
     return np.asarray(distances(_plain(a), _plain(b)))
-
-
-def overlap(a: Poses, b: Poses) -> Bool[np.ndarray, " K"]:
-    """Return whether the bodies at `a` and `b` touch, exactly, shape (K,)."""
-    return np.asarray(separation(a, b) <= 0)
 
 
 def corners(poses: Poses) -> Float[np.ndarray, "K 4 2"]:
@@ -447,8 +441,8 @@ class Mover(Protocol):
 class Obstacle:
     """A vehicle that drives straight ahead and ignores all others; the defaults are the paper's."""
 
-    x: float = OBSTACLE_START[0]  # initial front end [m]
-    y: float = OBSTACLE_START[1]  # center line, to the left [m]
+    x: float = 30.0  # initial front end [m]
+    y: float = 0.0  # center line, to the left [m]
     speed: float = OBSTACLE_SPEED  # speed [m/s]
 
     def at(self, t: Times) -> Places:
@@ -489,8 +483,9 @@ def signals_of(
     ahead = np.array([other[:, 0] for other in others]) - poses[:, 0]
     return named | {
         "gap": gap(0.0, ahead[np.abs(ahead).argmin(axis=0), np.arange(len(t))]),
-        "lateral_distance": _smallest([lateral_distance(poses, other) for other in others]),
-        "separation": _smallest([separation(poses, other) for other in others]),
+        # NaN only if it is NaN to all.
+        "lateral_distance": np.fmin.reduce([lateral_distance(poses, other) for other in others]),
+        "separation": np.fmin.reduce([separation(poses, other) for other in others]),
         "outside": outside(poses, road),
         "phase": phases,
         "speed_reference": np.where(overtaking, OVERTAKING_SPEED, KEEPING_SPEED),
@@ -512,8 +507,3 @@ def _lateral_reference(x_f: Signal, others: list[Poses], overtaking: Bool[np.nda
     known = np.maximum.accumulate(np.where(np.isfinite(line), np.arange(len(line)), -1))
     held = np.where(known >= 0, line[known], 0.0)
     return np.where(overtaking, held + MIN_LATERAL_DISTANCE, 0.0)
-
-
-def _smallest(values: list[Signal]) -> Signal:
-    """Return the smallest value at each instant, shape (K,); NaN only if all values are NaN."""
-    return np.asarray(np.fmin.reduce(values))

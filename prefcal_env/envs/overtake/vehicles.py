@@ -19,9 +19,11 @@ from jaxtyping import Float
 from prefcal_env.plants.bicycle import Bicycle
 
 from .scene import (
+    HIGH,
     KEEPING_SPEED,
     LANE_WIDTH,
     LENGTH,
+    LOW,
     OBSTACLE_SPEED,
     OVERTAKING_SPEED,
     WIDTH,
@@ -75,8 +77,7 @@ class OwnVehicle(Vehicle):  # type: ignore[misc]
 
     def step(self, dt: float) -> None:
         """Hold the inputs of the action for `dt` [s]; they saturate at the plant's limits."""
-        low, high = np.array([(c.low, c.high) for c in _PLANT.inputs]).T
-        u = np.clip(self.inputs(dt), low, high)
+        u = np.clip(self.inputs(dt), LOW, HIGH)
         # By our plant, not by highway-env's Euler steps: the path must not depend on the step.
         self.put(_PLANT.hold(self.x, u, _NONE, np.array([dt]))[0], u)
 

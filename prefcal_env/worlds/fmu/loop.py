@@ -20,7 +20,7 @@ from jaxtyping import Float
 
 from prefcal_env.arrays import is_number
 from prefcal_env.errors import KnobError, PlantError, RunError, ScenarioError
-from prefcal_env.experiments.experiment import Channels, End, Experiment, KPIs
+from prefcal_env.experiments.experiment import Channel, Channels, End, Experiment, KPIs
 from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.sources.source import Function, Source, Varied
@@ -224,7 +224,9 @@ class FMULoop:
         self._parameters = [self.model.variable(f"{n} [{k.unit}]") for n, k in found.items()]
         self._outputs, self._inputs = shown(self.model, outputs, inputs)
         self._numbers, self._variables = referenced(self.model, self._outputs, reference)
-        self.channels: Channels = self._curveless(np.zeros(len(found)), 0.0).channels
+        u = tuple(Channel(n, v.unit, v.low, v.high) for n, v in self._inputs.items())
+        y = tuple(Channel(n, v.unit, v.low, v.high, self._numbers.get(n)) for n, v in self._outputs.items())
+        self.channels = Channels((), u, y)
         shows = self._outputs, self._inputs, self._variables
         self._recorded = [variable for group in shows for variable in group.values()]
         knobs_, shown_ = (
@@ -245,17 +247,10 @@ class FMULoop:
             return self.attempt(theta)
         except RunError as error:
             self.problem = str(error)
-            failed = self._curveless(np.asarray(theta, dtype=float), np.nan)  # without a record
-            return replace(failed, channels=self.channels)
+            return Experiment.blank(np.asarray(theta, dtype=float), self.channels, End.FAILED)
 
     def attempt(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
-        """Simulate θ like a call, but raise RunError if there is no record.
-
-        Raises:
-            RunError: If the FMU hangs, crashes, or fails before the first instant.
-            KnobError: If θ has the wrong shape or leaves the limits of the FMU.
-            PlantError: If the FMU is no longer there.
-        """
+        """Simulate θ like a call, but raise RunError if the FMU hangs, crashes, or leaves no record."""
         theta = self._checked(theta)
         pairs = zip(self._parameters, theta, strict=True)
         try:
@@ -339,27 +334,15 @@ class FMULoop:
         outputs = dict(zip(self._outputs, columns, strict=False))
         inputs = dict(zip(self._inputs, columns[n_y:], strict=False))
         curves = dict(zip(self._variables, columns[n_y + n_u :], strict=True))
-        reference, end = {**self._numbers, **curves}, End.UNSAFE if self.problem else End.TIME_UP
-        return self._made(theta, answer.t[:count], outputs, inputs, reference, end, self.kpis)
-
-    def _curveless(self, theta: Float[np.ndarray, " n"], value: float) -> Experiment:
-        t, curve = np.array([0.0, 1.0]), np.full(2, value)
-        outputs, inputs = dict.fromkeys(self._outputs, curve), dict.fromkeys(self._inputs, curve)
-        end = End.FAILED if np.isnan(value) else End.TIME_UP
-        return self._made(theta, t, outputs, inputs, dict(self._numbers), end, None)
-
-    def _made(
-        self, theta: Any, t: Any, outputs: Any, inputs: Any, reference: Any, end: End, kpis: KPIs | None
-    ) -> Experiment:
-        variables = {**self._outputs, **self._inputs}
+        channels = (*self.channels.y, *self.channels.u)
         return recorded(
             theta,
-            t,
+            answer.t[:count],
             outputs,
             inputs,
-            reference,
-            units={name: v.unit for name, v in variables.items()},
-            limits={name: (v.low, v.high) for name, v in variables.items()},
-            end=end,
-            kpis=kpis,
+            {**self._numbers, **curves},
+            units={c.name: c.unit for c in channels},
+            limits={c.name: (c.low, c.high) for c in channels},
+            end=End.UNSAFE if self.problem else End.TIME_UP,
+            kpis=self.kpis,
         )

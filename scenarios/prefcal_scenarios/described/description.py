@@ -27,12 +27,7 @@ _COMMA = re.compile(r",(?![^\[]*\])")  # A comma, but not the one in the name of
 
 
 def knob_of(text: str) -> Knob:
-    """Return the knob NAME=LOW:HIGH[:log][:int][ UNIT], with or without brackets around the unit.
-
-    Raises:
-        ScenarioError: If the text does not read like that.
-        KnobError: If the range is not valid.
-    """
+    """Return the knob NAME=LOW:HIGH[:log][:int][ UNIT]; raises as `ranged_knob` does."""
     name, equals, rest = text.partition("=")
     if not equals or not name.strip():
         raise ScenarioError(
@@ -43,6 +38,8 @@ def knob_of(text: str) -> Knob:
 
 def ranged_knob(name: str, text: str) -> Knob:
     """Return the knob called `name` with the range LOW:HIGH[:log][:int][ UNIT] in `text`.
+
+    The unit may be in brackets.
 
     Raises:
         ScenarioError: If the text does not read like that.
@@ -223,14 +220,7 @@ def stated(
     known: tuple[str, ...] = ("name",),
     partial: bool = True,
 ) -> dict[str, Any]:
-    """Return what a table of a file states, each value in the type of its key.
-
-    Args:
-        values: Plain data by key.
-        where: Place in the file, for messages.
-        tables: Classes whose fields are the keys, or the keys themselves.
-        known: Fields that are no keys.
-        partial: Whether required keys may be left out.
+    """Return what a table of a file states, each value in the type of its key: see `plain.entries`.
 
     Raises:
         ScenarioError: If a key is unknown or missing, or a value has the wrong type.
@@ -253,10 +243,12 @@ FLAGS = {
 def words_of(source: str) -> list[str]:
     """Return the words of a command line that describe a scenario like `source` does."""
     name, config = split_source(source)
-    if config is None or not is_described(name) or not _is_plain(config):
+    if config is None or not is_described(name) or not config.keys() <= FLAGS.keys():
         return [source]
-    words = [name]
-    for knob, text in config.get("knobs", {}).items():
+    words, knobs = [name], config.get("knobs", {})
+    if not all(isinstance(text, str) for text in knobs.values()):
+        return [source]  # options cannot say all of it
+    for knob, text in knobs.items():
         words += ["--knob", f"{knob}={text}"]
     if config.get("show"):
         words += ["--show", ",".join(config["show"])]
@@ -275,12 +267,6 @@ def words_to_resume(source: str) -> list[str]:
         return [source]
     plant = (config or {}).get("plant")
     return [name] if plant is None else [name, "--plant", str(plant)]
-
-
-def _is_plain(config: Mapping[str, Any]) -> bool:
-    """Return whether options can say all of a configuration."""
-    knobs = config.get("knobs", {})
-    return config.keys() <= FLAGS.keys() and all(isinstance(text, str) for text in knobs.values())
 
 
 def resumed_source(kept: str, source: str) -> str:

@@ -43,16 +43,9 @@ def lqr_scenario(
     """Make the scenario of tuning an LQR with integral action for `plant`.
 
     The knobs are weights: Q_y of the error and Q_i of the integrated error of each controlled
-    output, and R of each input but the first. Steps, loads, sampling time and duration are found as
-    `pid_scenario` does; the ranges are around the fastest robust tuning.
-
-    Args:
-        plant: Plant, or a linear system that `Plant.of` takes. The controller measures its states.
-        knobs: Knobs that replace those of the same name; Q_i may be in another unit of time.
-        reference: Reference after the step by output, in its unit; None to find it.
-        horizon: Duration of an experiment, in the plant's unit of time; None to find it.
-        title: Title for headings.
-        brief: Description of the task for the person who compares.
+    output, and R of each input but the first; Q_i may be in another unit of time. The controller
+    measures the states. The arguments, and how steps, loads, sampling time and duration are found, are
+    those of `pid_scenario`; the ranges are around the fastest robust tuning.
 
     Raises:
         ScenarioError: If the plant has no states or no steady state, a name does not exist, or no

@@ -61,15 +61,8 @@ def plant_at(source: str) -> Any:
     found = getattr(module, name)
     if is_number(found):  # a mere gain of a linear system, here most likely the wrong name
         raise ScenarioError(f"{source!r} must be {_KINDS}, got the number {found!r}")
-    return found if is_plant(found) else _converted(found, source)
-
-
-def is_plant(found: object) -> bool:
-    """Return whether `found` has all parts of a plant."""
-    return not isinstance(found, type) and all(hasattr(found, part) for part in _PARTS)
-
-
-def _converted(found: Any, source: str) -> Any:
+    if not isinstance(found, type) and all(hasattr(found, part) for part in _PARTS):
+        return found
     from prefcal_env.plants.plant import Plant
 
     try:
@@ -98,11 +91,10 @@ def rig_of(values: Mapping[str, Any], reference: Mapping[str, float], where: str
     """
     made = ("channels", "y_ref", "kpis", "ranges")
     given = stated(values, f"{where}, [rig]", _SIGNALS, Rig, known=made, partial=False)
-    signals = {
-        group: {name: _signal(name, row, f"{where}, [rig.{group}] {name}") for name, row in rows.items()}
+    outputs, inputs = (
+        {name: _signal(name, row, f"{where}, [rig.{group}] {name}") for name, row in rows.items()}
         for group, rows in (("outputs", given.pop("outputs")), ("inputs", given.pop("inputs", {})))
-    }
-    outputs, inputs = signals["outputs"], signals["inputs"]
+    )
     for name in reference:
         if name not in outputs:
             raise ScenarioError(
@@ -244,7 +236,8 @@ def _dress(made: Scenario, d: Description, where: str) -> Scenario:
         changes["simulated"] = d.simulated
     if d.kpis is not None:
         changes["kpis"] = () if isinstance(d.kpis, str) else _kpis(d.kpis, made, where)
-        changes |= _with_margins(made, changes["kpis"])
+        if _margins(made).keys() & {kpi.name for kpi in changes["kpis"]}:
+            changes["run"] = made.source.measured(lambda _: MarginKPIs(function_of(made.source)))
     takes_show = d.world is not None and "show" in d.world.unit
     if d.panels or (d.show and not takes_show):
         changes["panels"] = _panels(d, made, where)
@@ -282,13 +275,6 @@ def _margins(made: Scenario) -> dict[str, KPI]:
     if not isinstance(loop, ClosedLoop) or loop.channels is None:
         return {}
     return {kpi.name: kpi for kpi in margin_kpis(loop.channels.time_unit)}
-
-
-def _with_margins(made: Scenario, kpis: tuple[KPI, ...]) -> dict[str, Any]:
-    """Return the run that also computes margins, if some of the KPIs are margins."""
-    if not _margins(made).keys() & {kpi.name for kpi in kpis}:
-        return {}
-    return {"run": made.source.measured(lambda _: MarginKPIs(function_of(made.source)))}
 
 
 def _kpi(

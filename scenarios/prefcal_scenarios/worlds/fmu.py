@@ -3,15 +3,14 @@
 import os
 import re
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from prefcal_env.errors import ScenarioError
-from prefcal_env.experiments.experiment import Channels, Experiment
 from prefcal_env.knobs import Knob
-from prefcal_env.sources.source import Varied
 from prefcal_env.workers import MARK
 from prefcal_env.worlds.fmu import FMULoop, Model, Variable, in_unit, read_model
 from prefcal_scenarios.described.description import Description
@@ -26,24 +25,6 @@ _ACTUATORS = re.compile(
 )
 """Parts of names of control signals."""
 _PART = re.compile(r"[A-Z]?[a-z]+\d*|[A-Z]+\d*")
-
-
-class FMURun:
-    """A run of an FMU that says why there is no experiment, so that people are told."""
-
-    signals: tuple[str, ...] = ()
-
-    def __init__(self, loop: FMULoop) -> None:
-        self.loop = loop
-        self.channels: Channels = loop.channels
-
-    def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
-        """Simulate θ, physical, shape (n,). Raises RunError if there is no record."""
-        return self.loop.attempt(theta)
-
-    def varied(self) -> Varied:
-        """Return the parameters of the FMU that are no knobs. Raises ScenarioError if it has none."""
-        return self.loop.varied()
 
 
 def fmu_scenario(
@@ -79,9 +60,7 @@ def fmu_scenario(
 
     Raises:
         ScenarioError: If there is no knob (the message lists the parameters), or nothing to show.
-        PlantError: If the FMU cannot be used here, or a variable, a time or a reference is wrong.
-        KnobError: If a knob does not fit its parameter.
-        MissingExtraError: If the extra `fmu` is not installed.
+            Other errors are those of `FMULoop`.
     """
     model = read_model(path)
     if not knobs:
@@ -90,11 +69,13 @@ def fmu_scenario(
     aims = {in_unit(name)[0]: value for name, value in (reference or {}).items()}
     given = (model.path, list(knobs), outputs, inputs, aims, stop_time)
     loop = FMULoop(*given, timeout=timeout)
+    run: Any = partial(loop.attempt)  # which raises if there is no experiment, so that people are told why
+    run.channels, run.signals = loop.channels, loop.signals
     return Scenario(
         name=re.sub(r"[^\w]+", "-", model.name).strip("-").lower() or "fmu",
         title=title or model.name,
         space=loop.space,
-        run=FMURun(loop),
+        run=run,
         brief=brief or model.about,
         # A worker runs θ, and never asks: without this, each would unpack the FMU once more.
         simulated=MARK not in os.environ and _is_quick(FMULoop(*given, timeout=min(timeout, _PROBED))),

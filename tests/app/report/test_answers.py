@@ -89,7 +89,7 @@ def test_margins_stand_beside_those_before_and_an_error_of_own_code_is_said(monk
     loop = load("lag")
     theta = loop.space.decode(np.full(len(loop.space), 0.5))
     trial = SimpleNamespace(experiment=loop.run(theta))
-    known = {"scenario": loop, "best": trial, "before": trial}
+    known = {"scenario": loop, "result": trial, "before": trial}
     said = dict(unverified(Study(**known)))["Margins"]
     assert re.match(r"Gain margin \[dB\] [\d.]+ \(before [\d.]+\), phase margin", said)
     assert "linearized at the operating point" in said

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from prefcal_app.report.pictures import course, drawn_kpis
-from prefcal_app.report.record import shown_values
+from prefcal_app.report.record import MOST, foremost_kpis
 from prefcal_scenarios import KPI
 from toy_study import toy_record
 
@@ -35,7 +35,7 @@ def test_the_kpis_that_changed_most_are_shown_and_always_those_with_a_limit():
     record = with_kpis(kpis, lambda n: [*(100 + n * i for i in range(6)), 1.5 + n / 100])
     assert record.best.number > 1
     assert [kpi.name for kpi in drawn_kpis(record)] == ["k5", "k4", "k3", "M_s"]
-    assert [kpi.name for kpi in shown_values(record)] == ["k5", "k4", "M_s"]
+    assert [kpi.name for kpi in foremost_kpis(record, MOST)] == ["k5", "k4", "M_s"]
 
 
 def test_a_kpi_that_reads_the_same_everywhere_is_not_shown_unless_it_misses_its_limit():

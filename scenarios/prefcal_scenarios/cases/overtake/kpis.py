@@ -1,6 +1,5 @@
 """What an overtaking is judged by: phases and distances, computation time, KPIs, criteria (i) to (vi)."""
 
-from collections.abc import Callable
 from functools import partial
 from math import inf
 
@@ -38,13 +37,8 @@ def phases(experiment: Experiment) -> Int[np.ndarray, " K"]:
 
 def phase_at_control(experiment: Experiment) -> Int[np.ndarray, " N"]:
     """Return the phase at each decision, shape (N,)."""
-    return np.asarray(phases(experiment)[at_control(experiment)])
-
-
-def at_control(experiment: Experiment) -> Int[np.ndarray, " N"]:
-    """Return the indices of the N sampling instants in `experiment.t`, shape (N,)."""
     instants = experiment.t_control - 1e-9 * max(1.0, experiment.duration)
-    return np.searchsorted(experiment.t, instants)
+    return np.asarray(phases(experiment)[np.searchsorted(experiment.t, instants)])
 
 
 def obstacles(experiment: Experiment) -> Float[np.ndarray, "n K 3"]:
@@ -168,8 +162,7 @@ def t_comp(experiment: Experiment) -> Float[np.ndarray, " N"]:
 
 def overrun(experiment: Experiment) -> float:
     """Return the share by which the worst t_comp exceeds T_s; 0 if the MPC runs in real time."""
-    ratio = float(t_comp(experiment).max()) / float(experiment.theta[0])
-    return max(ratio - 1.0, 0.0)
+    return max(float(t_comp(experiment).max()) / float(experiment.theta[0]) - 1.0, 0.0)
 
 
 # --- Compute the KPIs of a car experiment, for the criteria (i) to (v).
@@ -308,15 +301,17 @@ def calibrator(seed: int = 0) -> Lexicographic:
     return Lexicographic(
         [
             Criterion("(iii) lateral distance too small by [m]", _too_near),
-            Criterion("(iii) off the road by [m]", _kpi("off_road")),
-            Criterion("(iii) overshoot of y_f [m]", _kpi("overshoot"), 0.05),
-            Criterion("(ii) |y_f| in lane keeping [m]", _kpi("lane_deviation"), 0.05),
-            Criterion("(iii) largest lateral acceleration [m/s²]", _kpi("lateral_acceleration"), 1.0),
-            Criterion("(iii) RMS lateral jerk [m/s³]", _kpi("lateral_jerk_rms"), 1.0),
-            Criterion("(iv) RMS error of v [km/h]", _kpi("speed_error"), 0.2),
-            Criterion("(iv) total variation of v [km/h]", _kpi("speed_variation"), 1.0),
-            Criterion("(v) RMS rate of δ_s [°/s]", _kpi("steering_rate_rms"), 1.0),
-            Criterion("(v) largest move of δ_s [°]", _kpi("steering_move"), 0.2),
+            Criterion("(iii) off the road by [m]", partial(_kpi, "off_road")),
+            Criterion("(iii) overshoot of y_f [m]", partial(_kpi, "overshoot"), 0.05),
+            Criterion("(ii) |y_f| in lane keeping [m]", partial(_kpi, "lane_deviation"), 0.05),
+            Criterion(
+                "(iii) largest lateral acceleration [m/s²]", partial(_kpi, "lateral_acceleration"), 1.0
+            ),
+            Criterion("(iii) RMS lateral jerk [m/s³]", partial(_kpi, "lateral_jerk_rms"), 1.0),
+            Criterion("(iv) RMS error of v [km/h]", partial(_kpi, "speed_error"), 0.2),
+            Criterion("(iv) total variation of v [km/h]", partial(_kpi, "speed_variation"), 1.0),
+            Criterion("(v) RMS rate of δ_s [°/s]", partial(_kpi, "steering_rate_rms"), 1.0),
+            Criterion("(v) largest move of δ_s [°]", partial(_kpi, "steering_move"), 0.2),
         ],
         first=[Criterion("(i) worst t_comp above T_s [share]", overrun)],
     )
@@ -324,12 +319,8 @@ def calibrator(seed: int = 0) -> Lexicographic:
 
 def _too_near(experiment: Experiment) -> float:
     """Return how much closer than `SHORTEST_DISTANCE` the car passes the obstacle [m]."""
-    return max(SHORTEST_DISTANCE - float(experiment.kpis["lateral_distance"]), 0.0)
+    return max(SHORTEST_DISTANCE - _kpi("lateral_distance", experiment), 0.0)
 
 
-def _kpi(name: str) -> Callable[[Experiment], float]:
-    return partial(_value, name)
-
-
-def _value(name: str, experiment: Experiment) -> float:
+def _kpi(name: str, experiment: Experiment) -> float:
     return float(experiment.kpis[name])

@@ -13,14 +13,12 @@ from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.plants.bicycle import KMH
 from prefcal_scenarios.scenario import Picture
-from prefcal_scenarios.style import BEST, FAINT, FIRST, GOOD, LIMIT, OTHERS, canvas
+from prefcal_scenarios.style import BEST, FAINT, FIRST, GOOD, LIMIT, OTHERS, above, canvas
 from prefcal_scenarios.wording import mathtext, number, quantity, theta_text
 
 from .kpis import moments, obstacles, phases, road_of
 
 OBSTACLE, ASPHALT, PAINT = OTHERS[0], "#eceff2", "#aab3bc"
-STEERING_LIMIT = 45.0
-"""Limit of |δ_s| [°]."""
 _DASHED: Any = (0, (6, 3))
 
 
@@ -35,8 +33,7 @@ class ShownDrive:
 
 def shown(record: Any) -> tuple[ShownDrive, ...]:
     """Return the best run and the one before; one run if they are the same."""
-    assert record.best is not None
-    best, before = record.best, record.before
+    best, before = record.result, record.before
     runs = (ShownDrive(best.experiment, f"best (experiment {best.number})", BEST),)
     if best.index == before.index:
         return runs
@@ -55,9 +52,9 @@ def drawn(runs: Sequence[ShownDrive], space: KnobSpace) -> Figure:
         _speed(speed, run)
         _steering(steering, run)
         steering.set_xlabel("longitudinal position [m]")
-        _above(path, _theta_lines(space, run), 20, color=FAINT, fontsize=8.2)
-        _above(path, _computing(run.experiment), 47, fontsize=8.8)
-        _above(path, run.label, 62, color=run.color, fontweight="bold")
+        above(path, _theta_lines(space, run), 20, color=FAINT, fontsize=8.2)
+        above(path, _computing(run.experiment), 47, fontsize=8.8)
+        above(path, run.label, 62, color=run.color, fontweight="bold")
     for axis in axes.flat:
         axis.set_xlim(-LENGTH, last + 5)
     for axis in axes[:, 1:].flat:
@@ -78,10 +75,6 @@ def _computing(experiment: Experiment) -> str:
     worst, T_s = experiment.kpis["t_comp_worst"], experiment.theta[0]
     sign = "≤" if worst <= T_s else ">"
     return f"worst $t_{{comp}}$ {1e3 * worst:.0f} ms {sign} $T_s$ {1e3 * T_s:.0f} ms"
-
-
-def _above(axes: Axes, text: str, points: float, **look: Any) -> None:
-    axes.annotate(text, (0, 1), (0, points), xycoords="axes fraction", textcoords="offset points", **look)
 
 
 def _path(axes: Axes, run: ShownDrive) -> None:
@@ -121,10 +114,9 @@ def _speed(axes: Axes, run: ShownDrive) -> None:
 
 
 def _steering(axes: Axes, run: ShownDrive) -> None:
-    experiment = run.experiment
-    for limit in (-STEERING_LIMIT, STEERING_LIMIT):
+    x, steering = run.experiment.x[:, 0], np.degrees(run.experiment.u[:, 1])
+    for limit in (-45, 45):
         axes.axhline(limit, color=LIMIT, linewidth=1.1, linestyle=_DASHED)
-    x, steering = experiment.x[:, 0], np.degrees(experiment.u[:, 1])
     axes.plot(x, steering, color=run.color, drawstyle="steps-post")
     axes.set_ylim(-52, 52)
     axes.set_yticks([-45, 0, 45])
@@ -133,8 +125,7 @@ def _steering(axes: Axes, run: ShownDrive) -> None:
 
 
 def _alt(record: Any) -> str:
-    assert record.best is not None
-    experiment = record.best.experiment
+    experiment = record.result.experiment
     kpis = experiment.kpis
     beside = f", beside the {record.baseline}" if len(shown(record)) > 1 else ""
     return (

@@ -33,7 +33,6 @@ BRIEF = (
     "drive that you would rather sit in: safe distance beside the other car, no sharp steering, "
     "little swinging before and after, and a controller that is done within its sampling time."
 )
-CONFIGURED = f"{BRIEF} Road and traffic are those of a configuration."
 _KNOB_WORDS: Mapping[str, str] = {
     "T_s": "Sampling time: how often the controller measures and steers. A short one reacts "
     "sooner, but leaves less time to compute.",
@@ -165,7 +164,7 @@ def _configured(config: Mapping[str, Any]) -> Scenario:
         run=_source(fixed, OvertakeOptions.of(scene)),
         controller=partial(controller, fixed=fixed),
         settings=partial(settings, fixed=fixed),
-        brief=CONFIGURED,
+        brief=f"{BRIEF} Road and traffic are those of a configuration.",
     )
 
 
