@@ -136,6 +136,11 @@ def with_unit(text: str, unit: str) -> str:
     return f"{text} {unit}" if unit not in ("", "-") and text[:1] in "-−+0123456789" else text
 
 
+def counted(count: int, noun: str) -> str:
+    """Return a number of things in words, such as "1 answer" and "2 answers"."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
 def printable(text: object) -> str:
     """Return `text` without control characters, since a study may come from another person."""
     return "".join(c if c.isprintable() else " " for c in str(text))

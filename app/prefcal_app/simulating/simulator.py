@@ -36,6 +36,7 @@ from prefcal_scenarios import verification
 from prefcal_scenarios.own import fingerprint, fingerprint_of_code
 from prefcal_scenarios.runs import FailedRun, Result, RunTask, all_screened, has_goals, reading
 from prefcal_scenarios.scenario import Scenario, with_ranges
+from prefcal_scenarios.wording import counted
 
 # --- Keep the KPIs of simulated θ in a file beside the study: nothing is simulated twice.
 
@@ -265,7 +266,7 @@ class SimulationCounts:
     def line(self) -> str:
         """Return the numbers as one line: "412 simulated, 6 shown"."""
         where = " on the twin" if self.twin else ""
-        failed = f", {self.failed} simulation{'' if self.failed == 1 else 's'} failed" if self.failed else ""
+        failed = f", {counted(self.failed, 'simulation')} failed" if self.failed else ""
         return f"{self.simulated} simulated{where}, {self.shown} shown{failed}"
 
 

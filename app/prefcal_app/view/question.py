@@ -19,6 +19,7 @@ from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.sources import Change, Stage
 from prefcal_scenarios.scenario import KPI, Scenario, panels_of
 from prefcal_scenarios.wording import (
+    counted,
     ended_text,
     knob_number,
     limits_text,
@@ -616,8 +617,7 @@ def warnings(seen: Preview) -> Iterator[str]:
             f"These are exactly the curves of experiment {seen.same + 1}: is this the file of another run?"
         )
     if seen.retracts:
-        what = "1 answer" if seen.retracts == 1 else f"{seen.retracts} answers"
-        yield f"{what} about the record that it replaces will no longer count."
+        yield f"{counted(seen.retracts, 'answer')} about the record that it replaces will no longer count."
 
 
 def plant_view(scenario: Scenario, plant: PlantNow | None) -> dict[str, Any] | None:
@@ -705,11 +705,11 @@ def _how(interview: Interview) -> str:
     """Return what the person is asked to do, and how long it takes."""
     planned = interview.known.planned
     minutes = max(round(planned.total * _SECONDS / 60), 1)
-    pace = f"about {minutes} minute{'' if minutes == 1 else 's'} at {_SECONDS} s each"
+    pace = f"about {counted(minutes, 'minute')} at {_SECONDS} s each"
     took = "at the pace of your experiments" if interview.scenario.source.asks else pace
     return (
         "You are shown two experiments at a time and say which one went better: "
-        f"{planned.total} question{'' if planned.total == 1 else 's'}, {took}. Follow your own "
+        f"{counted(planned.total, 'question')}, {took}. Follow your own "
         "judgment: there is no right answer, and “about the same” and “can't tell” are answers too. Every "
         "answer is saved at once; you can stop and resume at any time, and finish as soon as one experiment "
         "is good enough."

@@ -1,6 +1,6 @@
 // Show the end: what you got, why this one, whether it holds, and what to do next.
 
-import { $, ask, button, copying, el, fill, shownTable, symbol, values } from "./dom.js";
+import { $, ask, button, copying, counted, el, fill, folded, shownTable, symbol, values } from "./dom.js";
 import { can, open } from "./flow.js";
 import { showNext } from "./history.js";
 import { showOther, showTheta } from "./simulated.js";
@@ -21,14 +21,11 @@ export function showOver(now, act) {
   fill($("view-over"), el("div", { class: "hero" },
     el("span", { class: "done", "aria-hidden": "true" }, "✓"),
     el("div", {}, el("h2", { id: "over-title" }, `${REASONS[over.reason] ?? over.words.replace(/^./, (letter) => letter.toUpperCase())}.`),
-      el("p", { class: "faint" }, `${progress.experiments} experiments, ${progress.given} comparisons.`))),
+      el("p", { class: "faint" }, `${counted(progress.experiments, "experiment")}, ${counted(progress.given, "comparison")}.`))),
   el("div", { class: "columns" }, gained(over), bestCard(over.best, "The result", !over.gain || over.gain.same)),
   reasons(over), holds(over), steps(now, act));
   if (typing) $("more").focus();
 }
-
-// Return what is closed at first; it stays as the person left it while the page is drawn anew.
-const folded = (id, summary, ...parts) => el("details", { id, open: $(id)?.open }, el("summary", {}, summary), ...parts);
 
 const sentences = (all) => all.map((words) => el("p", {}, symbol(words)));
 
@@ -38,7 +35,7 @@ function gained({ gain, missed }) {
   const { columns, rows } = gain.table, most = rows.filter((_, k) => gain.first.includes(k)), least = rows.filter((_, k) => !gain.first.includes(k));
   return el("div", { class: "card gain" }, el("h3", {}, "What you got"),
     gain.same ? el("p", {}, gain.none) : [shownTable({ columns, rows: most }),
-      least.length ? folded("gain-all", `${least.length} more ${least.length > 1 ? "KPIs" : "KPI"}`, shownTable({ columns, rows: least })) : null],
+      least.length ? folded("gain-all", counted(least.length, "more KPI"), shownTable({ columns, rows: least })) : null],
     missed ? el("p", {}, missed) : null,
     gain.before.length ? folded("gain-back", "The way back", el("p", { class: "faint" }, gain.back), values(gain.before)) : null);
 }
