@@ -487,8 +487,8 @@ def pair_view(
         _maneuver_view(name, pair, draws(*pair), kpis, seen)
         for name, pair in maneuvers_of(left, right).items()
     )
-    first["left"] |= numbers_view(left, kpis)
-    first["right"] |= numbers_view(right, kpis)
+    first["left"] |= numbers_view(left, kpis, right)
+    first["right"] |= numbers_view(right, kpis, left)
     rows = compare(left, right, kpis, seen.spread)
     shown = {each["title"] for each in rows}.intersection(named)
     heads = {"headline": headline(rows, named), "heads": max(_HEADS, len(shown))}
@@ -524,14 +524,16 @@ def _maneuver_view(
         "axes": axes,
         "window": eventful(panels, axes, left, right),
         "differ": largest_difference(panels, axes["y"], left, right),
-        "left": run_view(left, panels, kpis, seen),
-        "right": run_view(right, panels, kpis, seen),
+        "left": run_view(left, panels, kpis, seen, right),
+        "right": run_view(right, panels, kpis, seen, left),
     }
 
 
-def run_view(run: Experiment, panels: Sequence[Plot], kpis: Sequence[KPI], seen: Seen) -> dict[str, Any]:
+def run_view(
+    run: Experiment, panels: Sequence[Plot], kpis: Sequence[KPI], seen: Seen, beside: Experiment | None = None
+) -> dict[str, Any]:
     """Return the curves of a run; of a maneuver its KPIs, too, and how it ended."""
-    part = numbers_view(run, kpis) if run.maneuver else None
+    part = numbers_view(run, kpis, beside) if run.maneuver else None
     return {**seen.drawn(run, panels), "part": part, "empty": not (len(run.t) or run.kpis)}
 
 
@@ -546,9 +548,14 @@ def side_view(side: Side, other: Experiment, scenario: Scenario, *, blind: bool)
     }
 
 
-def numbers_view(experiment: Experiment, kpis: Sequence[KPI]) -> dict[str, Any]:
-    """Return how an experiment ended, and those of `kpis` that it has, limited ones first."""
-    rows = measured_rows([kpi for kpi in kpis if kpi.name in experiment.kpis], experiment)
+def numbers_view(
+    experiment: Experiment, kpis: Sequence[KPI], beside: Experiment | None = None
+) -> dict[str, Any]:
+    """Return how an experiment ended, and those of `kpis` that it has, limited ones first.
+
+    With `beside`, values have the digits that compare the two.
+    """
+    rows = measured_rows([kpi for kpi in kpis if kpi.name in experiment.kpis], experiment, beside)
     rows.sort(key=lambda row: not row["objective"])
     return {
         "ended": ended_text(experiment),
