@@ -22,7 +22,7 @@ from prefcal_env.study.file import data_folder
 from prefcal_scenarios.names import is_built_in
 from prefcal_scenarios.runs import grouped
 from prefcal_scenarios.scenario import KPI
-from prefcal_scenarios.wording import limits_text, meaning, measured_texts, with_unit
+from prefcal_scenarios.wording import comparable, limits_text, meaning, measured_texts, read_text, with_unit
 
 # --- Compare two experiments KPI by KPI, what tells them apart first, for page and terminal.
 
@@ -77,9 +77,11 @@ def unmeasured(left: Experiment, right: Experiment, kpis: Sequence[KPI]) -> list
     return [_row(pair, 0.0) for pair in _pairs(kpis, left, right)]
 
 
-def measured_rows(kpis: Sequence[KPI], experiment: Experiment) -> list[dict[str, Any]]:
+def measured_rows(
+    kpis: Sequence[KPI], experiment: Experiment, beside: Experiment | None = None
+) -> list[dict[str, Any]]:
     """Return what each KPI is called and what it should be, its value, and whether that is met."""
-    met, texts = [kpi.met_by(experiment) for kpi in kpis], measured_texts(kpis, experiment)
+    met, texts = [kpi.met_by(experiment) for kpi in kpis], measured_texts(kpis, experiment, beside)
     each = zip(map(_words, kpis, map(limits_text, kpis)), texts, met, strict=True)
     return [{**words, "text": text, "met": one} for words, text, one in each]
 
@@ -94,7 +96,7 @@ class _Pair:
     texts: tuple[str, str]  # values in words
     met: tuple[bool | None, bool | None]  # whether each meets the objective; None without one or a value
     judged: tuple[float, float]  # how bad each value looks, see `KPI.judged`
-    apart: float  # size of the difference as read, in its unit
+    apart: float  # size of the difference as shown, in its unit
 
 
 def _pairs(kpis: Sequence[KPI], left: Experiment, right: Experiment) -> list[_Pair]:
@@ -102,9 +104,12 @@ def _pairs(kpis: Sequence[KPI], left: Experiment, right: Experiment) -> list[_Pa
     values = [[float(e.kpis.get(kpi.name, nan)) for e in (left, right)] for kpi in kpis]
     read = [(kpi.read(a), kpi.read(b)) for kpi, (a, b) in zip(kpis, values, strict=True)]
     judged = [(kpi.judged(a), kpi.judged(b)) for kpi, (a, b) in zip(kpis, read, strict=True)]
-    apart = [kpi.read(abs(b - a)) for kpi, (a, b) in zip(kpis, read, strict=True)]
+    shown = [comparable(kpi, pair) for kpi, pair in zip(kpis, values, strict=True)]
+    # Of what is shown, so that people who subtract get the same.
+    apart = [abs(b - a) for a, b in shown]
     met = [(kpi.met_by(left), kpi.met_by(right)) for kpi in kpis]
-    texts = zip(*(measured_texts(kpis, e) for e in (left, right)), strict=True)
+    units = left.channels.time_unit, right.channels.time_unit
+    texts = [tuple(map(read_text, (kpi, kpi), pair, units)) for kpi, pair in zip(kpis, shown, strict=True)]
     return list(map(_Pair, kpis, map(limits_text, kpis), read, texts, met, judged, apart))
 
 

@@ -6,6 +6,7 @@ from math import isfinite
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.arrays import integer
 from prefcal_env.errors import QPError, SettingsError
 
 
@@ -29,8 +30,8 @@ class Tolerances:
                 raise SettingsError(
                     f"{name} QP tolerance must be in [0, 1) and not both may be 0, got {getattr(self, name)}"
                 )
-        if not isinstance(self.max_iterations, int) or self.max_iterations < 1:
-            raise SettingsError(f"max_iterations must be a whole number of 1 or more: {self.max_iterations}")
+        integer("max_iterations", self.max_iterations, low=1)
+        object.__setattr__(self, "max_iterations", int(self.max_iterations))  # files have no NumPy
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,7 @@
 import os
 import re
 from collections.abc import Sequence
-from math import ceil, floor, inf, isfinite, isinf, log10
+from math import ceil, floor, inf, isfinite, isinf, log10, nan
 from pathlib import Path
 
 from markupsafe import Markup, escape
@@ -63,16 +63,57 @@ def measured(kpi: KPI, experiment: Experiment) -> str:
     return measured_texts([kpi], experiment)[0]
 
 
-def measured_texts(kpis: Sequence[KPI], experiment: Experiment) -> list[str]:
-    """Return the values of many KPIs as text, as `measured` does of one."""
-    unit = experiment.channels.time_unit
-    return [value_text(kpi, experiment.kpis.get(kpi.name), unit) for kpi in kpis]
+def measured_texts(
+    kpis: Sequence[KPI], experiment: Experiment, beside: Experiment | None = None
+) -> list[str]:
+    """Return the values of many KPIs as text; with `beside`, in the digits that compare the two."""
+    unit, shown = experiment.channels.time_unit, [e for e in (experiment, beside) if e is not None]
+    values = [[e.kpis.get(kpi.name, nan) for e in shown] for kpi in kpis]
+    if beside is None:
+        return [value_text(kpi, value, unit) for kpi, (value,) in zip(kpis, values, strict=True)]
+    return [read_text(kpi, comparable(kpi, pair)[0], unit) for kpi, pair in zip(kpis, values, strict=True)]
 
 
 def value_text(kpi: KPI, value: float | None, time_unit: str) -> str:
     """Return a value of a KPI as text, without its unit; an infinite time is "never"."""
-    read = None if value is None else kpi.read(value)
+    return read_text(kpi, None if value is None else kpi.read(value), time_unit)
+
+
+def read_text(kpi: KPI, read: float | None, time_unit: str) -> str:
+    """Return what is read of a KPI as text, as `value_text` does; see `comparable`."""
     return "never" if read == inf and kpi.unit == time_unit else number(read)
+
+
+def comparable(kpi: KPI, values: Sequence[float]) -> list[float]:
+    """Return values of a KPI, two that stand side by side, in the digits that tell them apart.
+
+    Those are three of the larger one, but more, up to all that are read, while rounding changes
+    their difference by more than a twentieth, or what is said of an objective, or makes something 0.
+    A KPI with a resolution of its own is shown in that.
+    """
+    read = [kpi.read(value) for value in values]
+    known = [abs(value) for value in read if isfinite(value) and value]
+    if not known or kpi.resolution is not None:
+        return read
+    places = 2 - floor(log10(max(known)))
+    for digits in range(places, places + _FINEST):
+        fewer = [round(value, digits) + 0.0 for value in read]
+        if _says_the_same(kpi, fewer, read):
+            return fewer
+    return read
+
+
+_FINEST = 8  # decimal places after the third digit of the larger value, after which all digits are shown
+
+
+def _says_the_same(kpi: KPI, fewer: list[float], read: list[float]) -> bool:
+    """Return whether rounded values say the same as those that are read."""
+    apart, still = (max(each) - min(each) for each in (read, fewer))
+    return (
+        not abs(still - apart) > apart / 20  # no number without two finite values
+        and all((a == 0) == (b == 0) for a, b in zip(fewer, read, strict=True))
+        and all(kpi.met(a) == kpi.met(b) for a, b in zip(fewer, read, strict=True))
+    )
 
 
 def objective(kpi: KPI) -> str:
@@ -132,6 +173,11 @@ def quantity(value: float | None, unit: str) -> str:
 def with_unit(text: str, unit: str) -> str:
     """Return a formatted number with its unit; words such as "never" have none."""
     return f"{text} {unit}" if unit not in ("", "-") and text[:1] in "-−+0123456789" else text
+
+
+def counted(count: int, noun: str) -> str:
+    """Return a number of things in words, such as "1 answer" and "2 answers"."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def printable(text: object) -> str:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -125,6 +125,16 @@ SAID_SOON = 2.0
 """Longest wait, in seconds, for what is said of a result before its first report is written."""
 
 
+class Result(NamedTuple):
+    """What a report is about: the report of another result is written anew."""
+
+    best: int | None
+    answers: int
+    over: bool
+    kept: int
+    """What was confirmed on the plant, 0 for nothing."""
+
+
 @dataclass(frozen=True, slots=True)
 class Calibration:
     """An open study at work; its report can be written again and again while it runs.
@@ -154,15 +164,15 @@ class Calibration:
         return self.interview.now().phase is Phase.OVER
 
     @property
-    def result(self) -> tuple[int | None, int, bool, int]:
-        """Return what a report is about: best experiment, number of answers, if over, what is kept.
+    def result(self) -> Result:
+        """Return what a report is about.
 
         A choice at the end reopens a study and ends it within milliseconds, so that it seems never
         to have been open.
         """
         now = self.interview.now()
         kept = 0 if now.state.kept is None else now.state.kept[0]
-        return now.incumbent, len(now.state.answers), now.phase is Phase.OVER, kept
+        return Result(now.incumbent, len(now.state.answers), now.phase is Phase.OVER, kept)
 
     @property
     def again(self) -> str:
@@ -514,7 +524,7 @@ class _Telling:
     """
 
     work: Calibration
-    result: tuple[int | None, int, bool, int] | None = None  # what the report is about
+    result: Result | None = None  # what the report is about
     said: Sequence[str] = ()
     whole: bool = False  # whether that is all
 
@@ -525,8 +535,7 @@ class _Telling:
             self.result = None  # the report is of the result before
             ctrl_c.on_press = lambda: _say_stopping(work)
             return None
-        _, _, over, _ = result
-        if over and self.result is None:
+        if result.over and self.result is None:
             self.whole = work.interview.known.wait_for_findings(SAID_SOON)
             record = work.write()
             if not work.options.json:
@@ -535,9 +544,9 @@ class _Telling:
             self.said = () if record.outlook is None else record.outlook.lines
             self.result = result
             ctrl_c.on_press = lambda: _say_stopping(work, "Closing ...")
-        elif over:
+        elif result.over:
             self._add()
-        return work.claim.folder if over else None
+        return work.claim.folder if result.over else None
 
     def end(self) -> None:
         """Write and print the result, unless it is of a finished study, about which all is said."""

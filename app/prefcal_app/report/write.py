@@ -45,6 +45,7 @@ from prefcal_scenarios.verification.result import (
 from prefcal_scenarios.verification.result import FILE as VERIFICATION
 from prefcal_scenarios.verification.varied_runs import RUNS, replays, unvaried
 from prefcal_scenarios.wording import (
+    counted,
     folder_for,
     knob_number,
     number,
@@ -127,11 +128,11 @@ def data_uri(content: bytes) -> str:
 
 def lead(record: StudyRecord) -> str:
     """Return what the study consists of, as a sentence without its period."""
-    tried = f"{len(record.trials)} experiments"
+    tried = counted(len(record.trials), "experiment")
     if record.scored:
         return f"Calibrated by its score, without comparisons: {tried}"
     verdicts = ", ".join(f"{words} {n}" for words, n in record.verdict_counts().items())
-    return f"Calibrated by preferences: {tried}, {record.questions} comparisons ({verdicts})"
+    return f"Calibrated by preferences: {tried}, {counted(record.questions, 'comparison')} ({verdicts})"
 
 
 # --- Answer, on the acceptance sheet, what a colleague asks who has to answer for the tuning, too.
@@ -167,8 +168,8 @@ def answers(record: StudyRecord) -> Answers:
     digest = f" SHA-256 of the study file: {record.digest}." if record.digest else ""
     promise, told = ("", ()) if record.outlook is None else (record.outlook.promise, record.outlook.result)
     found = {
-        "Who answered": f"{len(record.trials)} experiments, {record.questions} comparisons by "
-        f"{by}{each}{partial}.{digest}",
+        "Who answered": f"{counted(len(record.trials), 'experiment')}, "
+        f"{counted(record.questions, 'comparison')} by {by}{each}{partial}.{digest}",
         "On which model": model(record),
         "Enough answers": promise
         or "Not stated: only where candidates are simulated, at the end of a study.",

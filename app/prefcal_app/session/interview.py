@@ -249,7 +249,7 @@ def simulated(driver: Driver) -> SimulationCounts | None:
         count, failed = len(screened.bank.failed), int(screened.bank.failed.sum())
     # Equal θ run once: where nothing is simulated any more, fewer than that were.
     twin, due = driver.thoughts.twin is not None, agent.due if simulator.busy else 0
-    return SimulationCounts(count, planned, failed, shown, twin=twin, due=due)
+    return SimulationCounts(count, planned, failed, shown, twin=twin, due=due, seconds=simulator.seconds)
 
 
 class Past:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import partial
 from hashlib import sha256
 from itertools import zip_longest
+from math import nan
 from operator import not_
 from pathlib import Path
 from typing import Any, BinaryIO, Self, final
@@ -21,6 +22,7 @@ from prefcal_agents.agent import Agent
 from prefcal_agents.people import Bank
 from prefcal_agents.registry import CLASSES
 from prefcal_agents.screening.agent import Screening
+from prefcal_agents.screening.bank import ENOUGH
 from prefcal_agents.screening.findings import Findings, findings, simulated_for
 from prefcal_env.disk import whole_file
 from prefcal_env.errors import SettingsError
@@ -31,11 +33,12 @@ from prefcal_env.study import knobs_as_dicts, within_as_dict
 from prefcal_env.study.beside import SIMULATED, head_of, is_ours
 from prefcal_env.units import named, same
 from prefcal_env.wording import labeled
-from prefcal_env.workers import Pool, Terms, usable_cores
+from prefcal_env.workers import Pool, Terms, in_time, usable_cores
 from prefcal_scenarios import verification
 from prefcal_scenarios.own import fingerprint, fingerprint_of_code
 from prefcal_scenarios.runs import FailedRun, Result, RunTask, all_screened, has_goals, reading
 from prefcal_scenarios.scenario import Scenario, with_ranges
+from prefcal_scenarios.wording import counted
 
 # --- Keep the KPIs of simulated θ in a file beside the study: nothing is simulated twice.
 
@@ -246,6 +249,7 @@ class SimulationCounts:
         shown: Number of experiments that were shown or are on show.
         twin: Whether θ are simulated on a twin of the plant that runs what is shown.
         due: Number of θ to simulate before the next question; 0 if nothing is simulated now.
+        seconds: About how long the runs of a question of a robust study take; 0 if that is not known.
     """
 
     simulated: int
@@ -254,6 +258,15 @@ class SimulationCounts:
     shown: int
     twin: bool = False
     due: int = 0
+    seconds: float = 0.0
+
+    @property
+    def pace(self) -> str:
+        """Return how long a question takes, and why, where people wait for it; else nothing."""
+        if self.seconds < _SOON:
+            return ""
+        about = in_time(float(5 * round(self.seconds / 5) if self.seconds > 10 else round(self.seconds)))
+        return f"Each question takes about {about}, since each new tuning is tried on {ENOUGH} plants."
 
     @property
     def going_on(self) -> str:
@@ -265,7 +278,7 @@ class SimulationCounts:
     def line(self) -> str:
         """Return the numbers as one line: "412 simulated, 6 shown"."""
         where = " on the twin" if self.twin else ""
-        failed = f", {self.failed} simulation{'' if self.failed == 1 else 's'} failed" if self.failed else ""
+        failed = f", {counted(self.failed, 'simulation')} failed" if self.failed else ""
         return f"{self.simulated} simulated{where}, {self.shown} shown{failed}"
 
 
@@ -277,9 +290,36 @@ def simulates(agent: Agent) -> bool:
 
 # --- Simulate θ for an agent: each one once, in worker processes that leave the page its processor.
 
+
+@final
+class Pace:
+    """How long a run takes: the time between runs that arrive, whatever number of workers they come from."""
+
+    def __init__(self) -> None:
+        self._seconds, self._runs, self._since = 0.0, 0, nan
+
+    def begin(self) -> None:
+        """Begin a batch: what is before its first run is no pace."""
+        self._since = nan
+
+    def arrived(self, runs: int, now: float) -> None:
+        """Count runs that arrive at a time, in s."""
+        if now >= self._since:
+            self._seconds, self._runs = self._seconds + now - self._since, self._runs + runs
+        self._since = now
+
+    @property
+    def seconds(self) -> float:
+        """Return the seconds of a run; 0 before enough of them arrived."""
+        return self._seconds / self._runs if self._runs >= _MEASURED else 0.0
+
+
 _TELL = 0.5  # seconds between two reports of progress
 _MOST = 8  # largest number of workers unless more are asked for: each takes 100 to 200 MB
 _ENDING = 1.0  # seconds to wait for an abandoned batch before its workers are killed
+_MEASURED = 20  # number of runs from which their pace counts
+_SOON = 3.0  # seconds of a question of which nothing is said
+_RUNS = 1.25 * ENOUGH  # runs of a question: those of its θ, of others that do not hold, and nominal ones
 
 Theta = Float[np.ndarray, " n"]
 
@@ -342,6 +382,7 @@ class Simulator:
         """Number of simulations that failed."""
         self._batch = threading.Lock()  # held while a batch runs
         self._abandoned = False
+        self._paces = {nominal: Pace() for nominal in (True, False)}
         self._told_at = 0.0
         self.tell: Callable[[], None] = lambda: None
         """Function that is called during a batch, twice a second, when there is progress."""
@@ -358,6 +399,15 @@ class Simulator:
     def busy(self) -> bool:
         """Return whether a batch is being simulated."""
         return self._batch.locked()
+
+    @property
+    def seconds(self) -> float:
+        """Return about how long the runs of a question take; 0 if not known, or if the study is not robust.
+
+        Until perturbed runs are measured, they count as much as nominal ones.
+        """
+        each = self._paces[False].seconds or self._paces[True].seconds
+        return 0.0 if self.holds is None else _RUNS * each
 
     def start(self) -> None:
         """Start the workers, which then load the scenario while something else is done.
@@ -381,6 +431,8 @@ class Simulator:
         with self._batch:
             keys = theta_keys(np.array(thetas, dtype=float)) if len(thetas) else []
             new = {key: t for key, t in zip(keys, thetas, strict=True) if key not in self._known}
+            for pace in self._paces.values():
+                pace.begin()
             if self._pool is None:
                 self._here(list(new.values()))
             elif new:
@@ -458,7 +510,9 @@ class Simulator:
         keys = theta_keys(np.array([theta for theta, _ in arrived], dtype=float))
         known = all_screened(self.scenario, [result for _, result in arrived])
         self._known.update(zip(keys, known, strict=True))
-        if self._is_nominal(keys[0]):
+        nominal = self._is_nominal(keys[0])
+        self._paces[nominal].arrived(len(keys), time.monotonic())
+        if nominal:
             self.count += len(keys)
             self.failed += sum(map(not_, known))
         for (theta, result), kpis in zip(arrived, known, strict=True):

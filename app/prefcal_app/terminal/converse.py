@@ -73,6 +73,8 @@ class _Conversation:
     """What was printed last: a question, or the version at which a record was asked for."""
     seen: Seen = field(default_factory=Seen)
     compiles: bool = False
+    paced: bool = False
+    """Whether it was said how long a question takes."""
     dialed: tuple[float, ...] | None = None
     missing: object = None
     """Where it was last said that the plant lacks its old values."""
@@ -179,6 +181,9 @@ class _Conversation:
                 if now.preparing is not None and not (self.console.is_terminal or self.compiles):
                     self.compiles = True
                     self._say(now.preparing.words)
+                if now.simulated is not None and now.simulated.pace and not self.paced:
+                    self.paced = True
+                    self._say(now.simulated.pace)
                 status.update(_waiting(now))
                 asked = self.typed() == "k" and "stop_run" in now.can
                 if asked and now.pending is not None:

@@ -20,7 +20,7 @@ from prefcal_env.errors import SettingsError
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.scenario import Scenario
-from prefcal_scenarios.wording import INTERRUPTED, labeled, printable, printable_lines, with_unit
+from prefcal_scenarios.wording import INTERRUPTED, counted, labeled, printable, printable_lines, with_unit
 
 # --- Read what the person types: answers from a terminal, a file or a pipe, and θ in words.
 
@@ -294,8 +294,8 @@ def show_status(now: Mapping[str, Any], status: Mapping[str, Any], console: Cons
         console: Where to print.
     """
     progress, best, outlook = now["progress"], status["best"], status["outlook"]
-    given = f"{progress['given']} comparison{'' if progress['given'] == 1 else 's'}"
-    lines = [f"{progress['experiments']} of {progress['n_max']} experiments, {given}"]
+    most, given = counted(progress["n_max"], "experiment"), counted(progress["given"], "comparison")
+    lines = [f"{progress['experiments']} of {most}, {given}"]
     if status["simulated"] is not None:
         lines.append(status["simulated"]["line"])
     if best is not None:

@@ -4,6 +4,7 @@ import json
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +52,7 @@ from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.study import State
 from prefcal_scenarios.runs import WORST
-from prefcal_scenarios.scenario import KPI, Scenario
+from prefcal_scenarios.scenario import KPI, Scenario, panels_of
 from prefcal_scenarios.wording import MISSING, knob_number, number
 
 from . import question
@@ -342,7 +343,37 @@ def _gain(interview: Interview, best: int, now: Now, seen: Seen) -> dict[str, An
     both = interview.past.experiment(0), interview.past.experiment(best)
     scenario = interview.scenario
     rows = gained(*both, scenario.shown_kpis, seen.look(interview).spread)
-    return gain_view(baseline_of(now.state), best, rows, theta_view(scenario.space, both[0]))
+    found = gain_view(baseline_of(now.state), best, rows, theta_view(scenario.space, both[0]))
+    return {**found, "curves": curves_of_both(*both, scenario)}
+
+
+def curves_of_both(before: Experiment, after: Experiment, scenario: Scenario) -> dict[str, Any] | None:
+    """Return the result (left) over the baseline (right), as a question has its sides; None if alike.
+
+    There is one panel of the response that differs most, where several maneuvers ran in the one in which
+    it does, and one of the input that moves for it. Both have axes of their own and all the time in
+    which things happen.
+    """
+    pair = question.pair_view(after, before, partial(panels_of, scenario), (), Seen())
+    part = max((pair, *pair["others"]), key=lambda part: (part["differ"] or {"size": 0.0})["size"])
+    if part["differ"] is None:
+        return None
+    inputs = [i for i, panel in enumerate(part["panels"]) if panel["shape"] == "step"]
+    shown = list(dict.fromkeys([part["differ"]["panel"], *inputs[:1]]))
+    return {
+        "maneuver": part["maneuver"],
+        "time_unit": after.channels.time_unit,
+        "panels": [part["panels"][i] for i in shown],
+        "axes": {"x": part["window"], "y": [part["axes"]["y"][i] for i in shown]},
+        "window": None,
+        **{
+            side: {
+                name: [part[side][name][i] for i in shown]
+                for name in ("curves", "references", "limits", "stories")
+            }
+            for side in ("left", "right")
+        },
+    }
 
 
 def gain_view(

@@ -165,7 +165,9 @@ def _progress(interview: Interview, now: Now) -> dict[str, Any]:
 def simulated_view(now: Now) -> dict[str, Any] | None:
     """Return how many θ were simulated unseen, and that as lines; None if none are."""
     found = now.simulated
-    return None if found is None else {**asdict(found), "line": found.line, "going_on": found.going_on}
+    if found is None:
+        return None
+    return {**asdict(found), "line": found.line, "going_on": found.going_on, "pace": found.pace}
 
 
 def _pending(interview: Interview, now: Now, *, blind: bool) -> Any:

@@ -19,6 +19,7 @@ from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.sources import Change, Stage
 from prefcal_scenarios.scenario import KPI, Scenario, panels_of
 from prefcal_scenarios.wording import (
+    counted,
     ended_text,
     knob_number,
     limits_text,
@@ -486,8 +487,8 @@ def pair_view(
         _maneuver_view(name, pair, draws(*pair), kpis, seen)
         for name, pair in maneuvers_of(left, right).items()
     )
-    first["left"] |= numbers_view(left, kpis)
-    first["right"] |= numbers_view(right, kpis)
+    first["left"] |= numbers_view(left, kpis, right)
+    first["right"] |= numbers_view(right, kpis, left)
     rows = compare(left, right, kpis, seen.spread)
     shown = {each["title"] for each in rows}.intersection(named)
     heads = {"headline": headline(rows, named), "heads": max(_HEADS, len(shown))}
@@ -523,14 +524,16 @@ def _maneuver_view(
         "axes": axes,
         "window": eventful(panels, axes, left, right),
         "differ": largest_difference(panels, axes["y"], left, right),
-        "left": run_view(left, panels, kpis, seen),
-        "right": run_view(right, panels, kpis, seen),
+        "left": run_view(left, panels, kpis, seen, right),
+        "right": run_view(right, panels, kpis, seen, left),
     }
 
 
-def run_view(run: Experiment, panels: Sequence[Plot], kpis: Sequence[KPI], seen: Seen) -> dict[str, Any]:
+def run_view(
+    run: Experiment, panels: Sequence[Plot], kpis: Sequence[KPI], seen: Seen, beside: Experiment | None = None
+) -> dict[str, Any]:
     """Return the curves of a run; of a maneuver its KPIs, too, and how it ended."""
-    part = numbers_view(run, kpis) if run.maneuver else None
+    part = numbers_view(run, kpis, beside) if run.maneuver else None
     return {**seen.drawn(run, panels), "part": part, "empty": not (len(run.t) or run.kpis)}
 
 
@@ -545,9 +548,14 @@ def side_view(side: Side, other: Experiment, scenario: Scenario, *, blind: bool)
     }
 
 
-def numbers_view(experiment: Experiment, kpis: Sequence[KPI]) -> dict[str, Any]:
-    """Return how an experiment ended, and those of `kpis` that it has, limited ones first."""
-    rows = measured_rows([kpi for kpi in kpis if kpi.name in experiment.kpis], experiment)
+def numbers_view(
+    experiment: Experiment, kpis: Sequence[KPI], beside: Experiment | None = None
+) -> dict[str, Any]:
+    """Return how an experiment ended, and those of `kpis` that it has, limited ones first.
+
+    With `beside`, values have the digits that compare the two.
+    """
+    rows = measured_rows([kpi for kpi in kpis if kpi.name in experiment.kpis], experiment, beside)
     rows.sort(key=lambda row: not row["objective"])
     return {
         "ended": ended_text(experiment),
@@ -616,8 +624,7 @@ def warnings(seen: Preview) -> Iterator[str]:
             f"These are exactly the curves of experiment {seen.same + 1}: is this the file of another run?"
         )
     if seen.retracts:
-        what = "1 answer" if seen.retracts == 1 else f"{seen.retracts} answers"
-        yield f"{what} about the record that it replaces will no longer count."
+        yield f"{counted(seen.retracts, 'answer')} about the record that it replaces will no longer count."
 
 
 def plant_view(scenario: Scenario, plant: PlantNow | None) -> dict[str, Any] | None:
@@ -705,11 +712,11 @@ def _how(interview: Interview) -> str:
     """Return what the person is asked to do, and how long it takes."""
     planned = interview.known.planned
     minutes = max(round(planned.total * _SECONDS / 60), 1)
-    pace = f"about {minutes} minute{'' if minutes == 1 else 's'} at {_SECONDS} s each"
+    pace = f"about {counted(minutes, 'minute')} at {_SECONDS} s each"
     took = "at the pace of your experiments" if interview.scenario.source.asks else pace
     return (
         "You are shown two experiments at a time and say which one went better: "
-        f"{planned.total} question{'' if planned.total == 1 else 's'}, {took}. Follow your own "
+        f"{counted(planned.total, 'question')}, {took}. Follow your own "
         "judgment: there is no right answer, and “about the same” and “can't tell” are answers too. Every "
         "answer is saved at once; you can stop and resume at any time, and finish as soon as one experiment "
         "is good enough."

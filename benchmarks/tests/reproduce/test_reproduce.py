@@ -55,7 +55,7 @@ def test_the_tables_put_the_printed_value_beside_the_simulated_one(short):
     automated = {row[0]: row[1:] for row in rows(results[1])}
     assert float(automated["performance index"][1]) == pytest.approx(0.6996, abs=0.01)
     car = {row[0]: row[1:] for row in rows(results[2])}
-    printed, here, *_ = car["worst t_comp, modeled [s]"]
+    printed, here, *_ = car["longest computing time of a step [s]"]
     assert float(printed) == pytest.approx(float(here), rel=0.01)
 
 

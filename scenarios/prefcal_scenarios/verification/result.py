@@ -21,12 +21,14 @@ from prefcal_env.sources.varied import Factor, LeftOut
 from prefcal_scenarios.runs import HasKPIs
 from prefcal_scenarios.scenario import KPI, Scenario
 from prefcal_scenarios.wording import (
+    comparable,
     knob_number,
     labeled,
     limits_text,
     number,
     objective,
     quantity,
+    read_text,
     value_text,
     with_unit,
 )
@@ -619,5 +621,5 @@ def _effect(each: Effect, found: Verification) -> str:
     if kpi is None:
         return f"{name}: no KPI gets worse"
     pair = (found.tuning.nominal.kpis[kpi.name], each.run.kpis[kpi.name])
-    before, after = (value_text(kpi, value, found.tuning.time_unit) for value in pair)
+    before, after = (read_text(kpi, value, found.tuning.time_unit) for value in comparable(kpi, pair))
     return f"{name}: {kpi.title} {before} → {with_unit(after, kpi.unit)}"

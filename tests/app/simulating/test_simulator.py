@@ -1,11 +1,14 @@
 """Simulations for an agent: the same with any workers, failures counted, and given up at once."""
 
 import threading
+from itertools import count
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from prefcal_app.simulating import Abandoned, Simulator
+from prefcal_app.simulating import Abandoned, SimulationCounts, Simulator
+from prefcal_app.simulating.simulator import Pace
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.isolated import isolation
 from support import unseen as unseen_module
@@ -106,6 +109,40 @@ def test_perturbed_runs_are_the_same_with_any_workers_and_are_no_candidates():
         assert simulator.holds(thetas, 8) == alone.holds(thetas, 8)
         assert simulator.count == alone.count == 4
     assert Simulator(scenario, jobs=0).holds is None
+
+
+def test_a_robust_study_says_how_long_a_question_takes_once_runs_are_measured(monkeypatch):
+    ticks = count(step=0.1)  # s: two looks at the clock for each run
+    monkeypatch.setattr("prefcal_app.simulating.simulator.time", SimpleNamespace(monotonic=ticks.__next__))
+    monkeypatch.setattr("prefcal_app.simulating.simulator._TELL", 0.0)
+    scenario = load("lag")
+    thetas = list(scenario.space.decode_all(np.random.default_rng(1).random((25, len(scenario.space)))))
+    robust, usual = (Simulator(scenario, jobs=0, robust=one) for one in (True, False))
+    robust.many(thetas[:10])
+    assert robust.seconds == 0.0  # too few
+    robust.many(thetas)
+    usual.many(thetas)
+    assert robust.seconds == pytest.approx(375 * 0.2, rel=0.1)
+    assert usual.seconds == 0.0
+    robust.holds(thetas[:1], 32)
+    assert robust.seconds == pytest.approx(375 * 0.2, rel=0.1)
+
+
+def test_a_pause_between_batches_is_no_pace():
+    pace = Pace()
+    for start in (0.0, 1000.0):
+        pace.begin()
+        for k in range(11):
+            pace.arrived(1, start + 0.5 * k)
+    assert pace.seconds == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "about"), [(2.9, None), (3.4, "3 s"), (23.0, "25 s"), (118.0, "2 min"), (0.0, None)]
+)
+def test_what_hardly_takes_time_is_not_said(seconds, about):
+    said = f"Each question takes about {about}, since each new tuning is tried on 300 plants."
+    assert SimulationCounts(0, 1000, 0, 0, seconds=seconds).pace == (said if about else "")
 
 
 def test_an_own_file_is_perturbed_in_its_workers_and_here(tmp_path):

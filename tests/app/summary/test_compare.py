@@ -5,6 +5,7 @@ import pytest
 
 from prefcal_app.view import Seen, question_view
 from prefcal_scenarios.scenario import KPI
+from prefcal_scenarios.wording import comparable
 from support.looks import asked, toy
 
 SCENARIO = replace(
@@ -97,3 +98,39 @@ def test_what_reads_the_same_does_not_differ():
 def test_a_kpi_that_one_side_lacks_is_told_all_the_same():
     (row,) = rows({"peak": 1.0}, {})
     assert (row["left"]["text"], row["right"]["text"], row["better"]) == ("1", "–", None)
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "texts", "difference"),
+    [
+        (0.007353, 0.04471, ("0.0074", "0.0447"), "+0.0373 m"),  # 7 mm against 45 mm
+        (12.85, 3.412, ("12.8", "3.4"), "−9.4 m"),
+        (311.2, 311.4, ("311.2", "311.4"), "+0.2 m"),  # three digits would not tell them apart
+        (0.001, 427.3, ("0.001", "427.3"), "+427 m"),  # the smaller one is not 0
+        (np.inf, 12.345, ("∞", "12.3"), ""),
+    ],
+)
+def test_two_values_have_the_digits_that_tell_them_apart_and_what_is_shown_adds_up(
+    left, right, texts, difference
+):
+    (row,) = rows({"peak": left}, {"peak": right})
+    assert (row["left"]["text"], row["right"]["text"], row["difference"]) == (*texts, difference)
+
+
+def test_a_tick_says_what_the_printed_number_says():
+    # As 20 h, the limit, 20.04 h would be missed by nothing that is seen.
+    (row,) = rows({"time": 20.04}, {"time": 12.3456})
+    assert (row["left"], row["right"]) == ({"text": "20.04", "met": False}, {"text": "12.35", "met": True})
+
+
+def test_the_head_of_a_side_has_the_numbers_of_the_table():
+    _, now = asked()
+    view = question_view(now.question, toy, blind=False)
+    for side in ("left", "right"):
+        head = {row["title"]: row["text"] for row in view[side]["kpis"]}
+        assert head == {row["title"]: row[side]["text"] for row in view["comparison"]}
+
+
+def test_a_resolution_that_the_scenario_states_is_kept():
+    coarse = KPI("peak", "peak", "m", better="lower", resolution=0.25)
+    assert comparable(coarse, (12.3, 2.61)) == [12.25, 2.5]

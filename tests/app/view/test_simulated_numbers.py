@@ -45,3 +45,15 @@ def test_the_terminal_tells_while_it_waits_and_in_the_status(interview):
     out = talk(interview, "wlx")
     assert " simulated, 2 shown" in out
     assert out.count("Question 1 of 3") == 1  # not once more for each simulation
+
+
+def test_how_long_a_question_takes_is_said_once_in_the_terminal_and_on_the_page(interview):
+    interview._driver.thoughts.simulator.holds = lambda thetas, most: [most] * len(thetas)
+    for pace in interview._driver.thoughts.simulator._paces.values():
+        pace.begin()
+        for k in range(21):
+            pace.arrived(1, 0.1 * k)
+    said = "Each question takes about 40 s, since each new tuning is tried on 300 plants."
+    assert now_view(interview)["simulated"]["pace"] == said
+    out = " ".join(talk(interview, "<<x").split())
+    assert out.count(said) == 1

@@ -1,5 +1,7 @@
 """The briefing, the end, ways back, and what is kept, in a real browser."""
 
+import re
+
 from support.browser import Watched
 
 
@@ -25,10 +27,10 @@ def test_the_reactor_is_explained_above_its_first_question_and_under_the_key(ope
 
 
 def test_the_end_shows_the_gain_and_opens_the_report(browser, command):
-    served, watched = command(n_max=3), Watched(browser)
+    served, watched = command(n_max=2), Watched(browser)
     watched.open(served.link)
-    watched.answer("ArrowRight")
-    watched.page.keyboard.press("ArrowRight")
+    new = "new" in watched.page.inner_text("#left-which")
+    watched.page.keyboard.press("ArrowLeft" if new else "ArrowRight")
     watched.phase("over")
     page = watched.page
     page.fill("#more", "1")  # while the report is being written
@@ -37,7 +39,13 @@ def test_the_end_shows_the_gain_and_opens_the_report(browser, command):
     assert page.input_value("#more") == "12"
     assert page.locator("button.primary").filter(visible=True).count() == 0
     assert page.inner_text("#view-over .gain h3") == "What you got"
+    assert page.inner_text("#view-over .hero .faint") == "2 experiments, 1 comparison."
     assert page.locator("#view-over details[open]").count() == 0
+    # Before and after over each other, in colors, dashes and words.
+    assert page.inner_text("#view-over .legend").split("\n") == ["first experiment (1)", "best (2)"]
+    page.wait_for_function("document.querySelectorAll('.gain .plot path.js-line').length >= 4")
+    told = page.get_attribute("#view-over .gain .plot", "aria-label")
+    assert re.match(r"best \(2\): level <h>: from .*first experiment \(1\): level <h>: from ", told)
     watched.shot("end-1280")
     with page.expect_popup() as opened:
         page.click("text=Open the report")
@@ -55,7 +63,7 @@ def test_the_end_shows_the_gain_and_opens_the_report(browser, command):
     page.fill("#more", "2")
     page.click("text=more experiments")
     watched.question()
-    assert served.state.n_max == 5
+    assert served.state.n_max == 4
 
 
 def test_undo_brings_the_comment_back(opened):

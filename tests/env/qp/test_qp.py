@@ -86,6 +86,13 @@ def test_iteration_limit_is_reported():
     assert (solution.solved, solution.iterations) == (False, 1)
 
 
+def test_an_iteration_limit_of_numpy_is_kept_as_a_plain_number():
+    kept = Tolerances(max_iterations=np.arange(5)[3])
+    assert (kept.max_iterations, type(kept.max_iterations)) == (3, int)
+    with pytest.raises(SettingsError, match="max_iterations must be an integer, 1 or more, got True"):
+        Tolerances(max_iterations=True)
+
+
 def test_looser_tolerances_take_fewer_iterations():
     rng = np.random.default_rng(0)
     L = rng.normal(size=(8, 8))

@@ -46,6 +46,11 @@ export const shownTable = ({ columns, rows }) => table(columns.map(({ name }) =>
     ...cells.map(({ text, met, kind }) => el("span", { class: kind.split(" ").at(-1) }, withUnit(text, unit), verdict(met) ?? []))] })),
 { class: "kpi-table", kinds: ["", ...columns.slice(1).map(() => "number")] });
 
+// Return what is closed at first; it stays as the person left it while the page is drawn anew.
+export const folded = (id, summary, ...parts) => el("details", { id, open: $(id)?.open }, el("summary", {}, summary), ...parts);
+
+export const counted = (count, noun) => `${count} ${noun}${count === 1 ? "" : "s"}`;
+
 // Return names with their values, large: θ of an experiment.
 export const values = (knobs, kind = "") => el("dl", { class: `values ${kind}` }, knobs.map(({ name, text, unit, title }) =>
   el("div", { title }, el("dt", {}, symbol(name)), el("dd", {}, withUnit(text, unit)))));

@@ -1,7 +1,7 @@
 // Keep the server's latest state and send the person's actions. This module knows no view.
 
 import { Refusal, news, post } from "./api.js";
-import { $, ask, el, keep, kept } from "./dom.js";
+import { $, ask, counted, el, keep, kept } from "./dom.js";
 
 export const state = { now: null, view: "now", blind: false, sending: 0, answered: null, shownAt: 0, lost: false,
   saved: "", unsure: null }; // the last answer that was saved, and one that was sent without a reply
@@ -97,7 +97,7 @@ async function lost(error) {
 // Say which answers had been saved, since the file may be gone by now, and that the one just pressed is not.
 function offline() {
   const { given = 0 } = state.now?.progress ?? {};
-  const count = `It had saved ${given === 1 ? "1 answer" : `${given} answers`}`;
+  const count = `It had saved ${counted(given, "answer")}`;
   const last = state.saved ? `, the last one “${state.saved}”` : "";
   const unsure = state.unsure ? ` Not saved, as far as this page knows: “${state.unsure.words}”, which you pressed last.` : "";
   return `No connection to prefcal. ${count}${last}.${unsure} To continue, run: ${state.now?.study.again ?? "prefcal calibrate ..."}`;

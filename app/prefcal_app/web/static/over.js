@@ -1,10 +1,11 @@
 // Show the end: what you got, why this one, whether it holds, and what to do next.
 
-import { $, ask, button, copying, el, fill, shownTable, symbol, values } from "./dom.js";
+import { $, DARK, ask, button, copying, counted, el, fill, folded, shownTable, symbol, values } from "./dom.js";
 import { can, open } from "./flow.js";
 import { showNext } from "./history.js";
 import { showOther, showTheta } from "./simulated.js";
 import { bestCard } from "./status.js";
+import { Plots, SMALL } from "./plots.js";
 import { trial } from "./trial.js";
 import { verification } from "./verify.js";
 
@@ -21,24 +22,38 @@ export function showOver(now, act) {
   fill($("view-over"), el("div", { class: "hero" },
     el("span", { class: "done", "aria-hidden": "true" }, "✓"),
     el("div", {}, el("h2", { id: "over-title" }, `${REASONS[over.reason] ?? over.words.replace(/^./, (letter) => letter.toUpperCase())}.`),
-      el("p", { class: "faint" }, `${progress.experiments} experiments, ${progress.given} comparisons.`))),
+      el("p", { class: "faint" }, `${counted(progress.experiments, "experiment")}, ${counted(progress.given, "comparison")}.`))),
   el("div", { class: "columns" }, gained(over), bestCard(over.best, "The result", !over.gain || over.gain.same)),
   reasons(over), holds(over), steps(now, act));
   if (typing) $("more").focus();
 }
 
-// Return what is closed at first; it stays as the person left it while the page is drawn anew.
-const folded = (id, summary, ...parts) => el("details", { id, open: $(id)?.open }, el("summary", {}, summary), ...parts);
-
 const sentences = (all) => all.map((words) => el("p", {}, symbol(words)));
+
+const figure = el("div", { class: "plot", role: "img" });
+const plots = new Plots(() => figure);
+plots.overlaid = true;
+DARK.addEventListener("change", () => plots.draw());
+
+// Show the curves of the result over those before; they are drawn once there is room for them.
+function picture({ curves, table: { columns } }) {
+  if (!curves) return null;
+  const [before, best] = columns.slice(1).map(({ name }) => name);
+  plots.take(curves, curves.time_unit);
+  figure.setAttribute("aria-label", `${best}: ${curves.left.stories.join(". ")}. ${before}: ${curves.right.stories.join(". ")}.`);
+  figure.style.height = `${(SMALL.matches ? 1 : 1.25) * plots.least}px`;
+  plots.draw();
+  return [el("p", { class: "legend" }, el("span", { class: "key right" }, before), el("span", { class: "key left" }, best),
+    curves.maneuver ? el("span", { class: "faint" }, curves.maneuver) : null), figure];
+}
 
 // Show before and after of the KPIs that gained most and of what that cost, and what is missed.
 function gained({ gain, missed }) {
   if (!gain || !gain.table.rows.length) return null;
   const { columns, rows } = gain.table, most = rows.filter((_, k) => gain.first.includes(k)), least = rows.filter((_, k) => !gain.first.includes(k));
   return el("div", { class: "card gain" }, el("h3", {}, "What you got"),
-    gain.same ? el("p", {}, gain.none) : [shownTable({ columns, rows: most }),
-      least.length ? folded("gain-all", `${least.length} more ${least.length > 1 ? "KPIs" : "KPI"}`, shownTable({ columns, rows: least })) : null],
+    gain.same ? el("p", {}, gain.none) : [picture(gain), shownTable({ columns, rows: most }),
+      least.length ? folded("gain-all", counted(least.length, "more KPI"), shownTable({ columns, rows: least })) : null],
     missed ? el("p", {}, missed) : null,
     gain.before.length ? folded("gain-back", "The way back", el("p", { class: "faint" }, gain.back), values(gain.before)) : null);
 }

@@ -1,7 +1,7 @@
 // Show the status: the best so far, what was tried and learned, and how consistent the answers are.
 
 import { load } from "./api.js";
-import { $, button, copying, el, symbol, table, values, verdict, withUnit } from "./dom.js";
+import { $, button, copying, counted, el, symbol, table, values, verdict, withUnit } from "./dom.js";
 import { open } from "./flow.js";
 import { GROUPS, named, slice, tried } from "./miniature.js";
 
@@ -67,7 +67,7 @@ function answers(now, status, act) {
     if (await act("repeat", {})) open("now");
   };
   return el("div", { class: "card" }, el("h3", {}, "Your answers"),
-    el("p", {}, `${experiments} of ${most} experiments, ${given} ${given === 1 ? "comparison" : "comparisons"}.`, status.simulated ? ` ${status.simulated.line}.` : ""),
+    el("p", {}, `${experiments} of ${counted(most, "experiment")}, ${counted(given, "comparison")}.`, status.simulated ? ` ${status.simulated.line}.` : ""),
     pace(status.questions, act),
     el("h3", {}, "How consistent are they?"), el("p", {}, text),
     el("p", {}, button(["Ask me an earlier question again ", el("kbd", {}, "P")], repeat, { disabled: !can })),

@@ -1,7 +1,7 @@
 // Verify the result on varied plants, show what came of it, and ask about the worst runs.
 
 import { get, post } from "./api.js";
-import { button, el, fill, shownTable, symbol } from "./dom.js";
+import { button, el, fill, folded, shownTable, symbol } from "./dom.js";
 import { current } from "./flow.js";
 
 const PAUSE = 500; // ms between two looks at a verification that runs
@@ -48,7 +48,6 @@ const going = ({ done, planned }) => [el("p", {}, planned ? `${done} of ${planne
 function said({ best, statement, limits, margins, advice, basis, varied, tables, effects, worst }) {
   const tabled = (each) => [el("h5", {}, each.label), shownTable(each)];
   const list = (title, lines) => (lines.length ? [el("h5", {}, title), el("ul", { class: "plain" }, lines.map((text) => el("li", {}, symbol(text))))] : []);
-  const folded = (id, summary, ...parts) => el("details", { id, open: place.querySelector(`#${id}`)?.open }, el("summary", {}, summary), ...parts);
   return [el("p", { class: "statement" }, symbol(statement)), list("What to do about it", advice),
     worst.length ? folded("worst-runs", "The worst runs, beside the nominal one: acceptable?", worst.map((each, k) => run(each, k, best))) : null,
     folded("verified", "What was varied, its margins, and what hurts most", el("p", { class: "faint" }, symbol(limits)), varied.map(tabled),

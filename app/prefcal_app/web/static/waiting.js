@@ -34,7 +34,7 @@ export function waitFor({ pending, preparing, progress, simulated, stopping }, a
   const unseen = number ? null : simulated;
   $("wait-text").textContent = preparing
     ? `Compiling the solver, part ${preparing.part} of ${preparing.parts} (${preparing.title}): only once on this machine.`
-    : [first ? "The first question follows." : "Your answer is saved.", unseen ? `${unseen.going_on || unseen.line}.` : ""].join(" ").trim();
+    : [first ? "The first question follows." : "Your answer is saved.", ...(unseen ? [`${unseen.going_on || unseen.line}.`, unseen.pace] : [])].join(" ").trim();
   const bar = $("wait-progress");
   bar.hidden = !preparing && !unseen?.going_on;
   if (preparing) [bar.max, bar.value] = [preparing.parts, preparing.part - 1];

@@ -171,11 +171,11 @@ SHORTEST_DISTANCE = MIN_LATERAL_DISTANCE - 0.1
 """Smallest "reasonable safety distance" beside the obstacle, criterion (iii) [m]."""
 
 KPIS = (
-    KPI("t_comp_ratio", "worst t_comp / T_s", at_most=1.0),
+    KPI("t_comp_ratio", "longest computing time / sampling time", at_most=1.0),
     KPI("lateral_distance", "smallest lateral distance beside the obstacle", "m", at_least=SHORTEST_DISTANCE),
     KPI("path_peak", "largest y_f", "m", better="lower"),
-    KPI("t_comp_worst", "worst t_comp, modeled", "s", better="lower"),
-    KPI("t_comp_99", "t_comp, 99th percentile, modeled", "s", better="lower"),
+    KPI("t_comp_worst", "longest computing time of a step", "s", better="lower"),
+    KPI("t_comp_99", "computing time of a step, 99th percentile", "s", better="lower"),
     KPI("collision", "collisions", at_most=0.0),
     KPI("off_road", "largest distance outside the road", "m", at_most=0.0),
     KPI("clearance", "smallest clearance", "m", better="higher"),
