@@ -186,3 +186,15 @@ def test_equal_experiments_are_called_alike_but_for_mistakes():
         record = of_pairs(same, [(0, 1), (3, 4)], [answer, None])
         found = lessons(record, same).log_probabilities(utilities)
         assert np.exp(found) == pytest.approx(chance, rel=0.05)
+
+
+def test_old_answers_are_found_among_new_ones_and_kept_where_they_are_gone():
+    pairs = pairs_of(6)
+    record = of_pairs(BANK, pairs, sure(pairs))
+    old, new, draws = lessons(record), lessons(record.retracted(3).retracted(9)), prior().some(64)
+    united, places = new.unite(old)
+    assert (len(old), len(new), len(united)) == (6, 4, 6)
+    assert places.tolist() == [0, 4, 1, 2, 5, 3]
+    found = united.log_probabilities(draws)
+    assert np.array_equal(found[:, :4], new.log_probabilities(draws))
+    assert np.array_equal(found[:, places], old.log_probabilities(draws))
