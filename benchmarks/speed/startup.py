@@ -133,7 +133,7 @@ def write_study(path: Path, name: str, agent: str, count: int) -> None:
             continue
         experiment = scenario.run(np.array(sample.theta))
         kpis = [np.log(min(abs(value), 1e6) + 1e-6) for value in experiment.kpis.values()]
-        known.append((experiment, outcome(scenario, experiment), float(np.sum(kpis))))
+        known.append((experiment, outcome(scenario, experiment), float(np.nansum(kpis))))
         file.append(Suggested(index, sample.z, sample.theta), (Finished(index), experiment))
         answer_next(file, known, index, best)
     file.close()
