@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import expit, logsumexp, ndtr, softmax
 
+from prefcal_env.knobs import theta_keys
 from prefcal_env.preferences.answer import Preference, Reading
 from prefcal_env.preferences.history import History, KPIValues
 
@@ -75,11 +76,11 @@ class Bank:
         """Return the rows of p physical θ, shape (p,). Raises KeyError if one was not simulated."""
         if not len(thetas):
             return np.zeros(0, dtype=np.int64)
-        same = (self.thetas == np.array(thetas, dtype=float)[:, None]).all(axis=2)
-        known = same.any(axis=1)
-        if not known.all():
-            raise KeyError(tuple(thetas[int(known.argmin())]))
-        return np.asarray(same.argmax(axis=1))
+        known = {key: row for row, key in enumerate(theta_keys(self.thetas))}
+        found = [known.get(key, -1) for key in theta_keys(np.array(thetas, dtype=float))]
+        if -1 in found:
+            raise KeyError(tuple(thetas[found.index(-1)]))
+        return np.array(found, dtype=np.int64)
 
 
 # --- What a person may want from a closed loop: random orders of its KPIs, and random trade-offs.
@@ -537,22 +538,38 @@ class Lessons:
             np.append(self.strength, others.strength),
         )
 
+    def unite(self, others: "Lessons") -> tuple["Lessons", Int[np.ndarray, " b"]]:
+        """Return these answers, then those of `others` that are none of them, and where `others` are."""
+        joined, known = self.join(others), dict[bytes, int]()
+        pairs = np.hstack([joined.logs[joined.better], joined.logs[joined.worse], joined.tie[:, None]])
+        first = [known.setdefault(pair.tobytes(), place) for place, pair in enumerate(pairs)]
+        wanted = np.array([*range(len(self)), *first[len(self) :]], dtype=np.int64)
+        kept, places = np.unique(wanted, return_inverse=True)
+        pair = np.append(joined.better[kept], joined.worse[kept])
+        shown, rows = np.unique(pair, return_inverse=True)
+        better, worse = np.split(rows, 2)
+        united = Lessons(joined.logs[shown], better, worse, joined.tie[kept], joined.strength[kept])
+        return united, places[len(self) :]
+
     def first(self, count: int) -> "Lessons":
         """Return the first `count` answers, about the same experiments."""
         better, worse, tie, strength = (x[:count] for x in (self.better, self.worse, self.tie, self.strength))
         return Lessons(self.logs, better, worse, tie, strength)
 
-    def log_likelihood(self, utilities: Utilities) -> Float[np.ndarray, " s"]:
-        """Return the logarithm of the probability of all answers by each draw, shape (s,)."""
-        return np.asarray(self.log_probabilities(utilities) @ self.strength)
-
     def log_probabilities(self, utilities: Utilities) -> Float[np.ndarray, "s a"]:
         """Return the logarithm of the probability of each answer by each draw, shape (s, a)."""
-        return utilities.log_answers(self.differences(utilities), self.tie)
+        # In parts of 8 MB, which stay in the cache: of a long study, all differences are 150 MB.
+        count = 1 + len(utilities) * len(self) * utilities.used // 2**20
+        found = [utilities.take(rows) for rows in np.array_split(np.arange(len(utilities)), count)]
+        return np.vstack([some.log_answers(self.differences(some), self.tie) for some in found])
 
     def differences(self, utilities: Utilities) -> Float[np.ndarray, "c s a"]:
         """Return how much better one experiment of each answer is, see `Utilities.differences`."""
-        return utilities.differences(utilities.levels(self.logs), self.better, self.worse)
+        found, counted = np.zeros((2 * self.logs.shape[1], len(utilities), len(self))), utilities.counted
+        for part in utilities.parts:  # of a long study, all levels at once would be another 70 MB
+            level = utilities.level(self.logs, part)
+            found[part] = _subtract(level, self.better, self.worse, counted[part])
+        return found
 
 
 def update(
@@ -571,16 +588,21 @@ def update(
     decides.
     """
     # Only the ratio: the draws already follow the old answers, which may change, too, when one is retracted.
-    apart = new.differences(before)
-    gained = before.log_answers(apart, new.tie) @ new.strength - old.log_likelihood(before)
+    # Most old answers are new ones, too: in a long study, to work them out twice takes a tenth of a second.
+    united, of_old = new.unite(old)
+    apart, count = united.differences(before), len(new)
+    logs = before.log_answers(apart, united.tie)
+    gained = np.ascontiguousarray(logs[:, :count]) @ new.strength - logs.take(of_old, axis=1) @ old.strength
     shares = np.cumsum(np.exp(gained - gained.max()))
     # Systematic: one random number for all, so that a draw is repeated as often as it should be, to within
     # one.
     places = (rng.random() + np.arange(len(before))) / len(before) * shares[-1]
     rows = np.minimum(np.searchsorted(shares, places), len(before) - 1)
     rows = rng.permutation(rows)
-    moved = apart[: before.used].take(rows, axis=1)
-    return _move(before.take(rows), moved, new, scale, rng, mistakes)
+    for part in before.parts:  # in place: it may be 70 MB
+        apart[part] = apart[part].take(rows, axis=0)
+    moved = apart[: before.used, :, :count]
+    return _move(before.take(rows), moved, united.first(count), scale, rng, mistakes)
 
 
 def learn(before: Utilities, lessons: Lessons, scale: Scale, rng: np.random.Generator) -> Utilities:

@@ -258,7 +258,7 @@ class Comparison:
         told = (a.preference, float(a.strength), a.marks, a.outcomes, a.value, a.automatic)
         return digest((self.challenger, self.incumbent, told, self.after, self.retracted))
 
-    @property
+    @cached_property
     def verdict(self) -> Verdict | None:
         """Return which sample is better; None if the answer does not say or is retracted."""
         preference = self.answer.preference
@@ -266,7 +266,7 @@ class Comparison:
             return None
         return Verdict(self.challenger, self.incumbent, preference, self.after is not None)
 
-    @property
+    @cached_property
     def teaches(self) -> bool:
         """Return whether agents learn a preference from it: a verdict not derived from scores."""
         return self.answer.value is None and self.verdict is not None

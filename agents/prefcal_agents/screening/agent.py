@@ -1,5 +1,6 @@
 """The agent Screening: simulate many θ unseen, show those that the answers leave undecided."""
 
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from math import ceil
@@ -12,7 +13,7 @@ from scipy.special import expit, logit, logsumexp
 
 from prefcal_agents.agent import Pair, Setup, one_thread
 from prefcal_agents.glisp.agent import propose
-from prefcal_agents.glisp.fits import GLISpSettings, ModelSelection
+from prefcal_agents.glisp.fits import GLISpSettings, Learned, ModelSelection
 from prefcal_agents.lessons import Remembered
 from prefcal_agents.people import (
     AFTER,
@@ -22,7 +23,6 @@ from prefcal_agents.people import (
     Utilities,
     clearly_apart,
     expected_best,
-    explains,
     notice_chance,
     now_and_next,
     overtaking,
@@ -172,20 +172,20 @@ def _experiments(size: float) -> tuple[float, float, float]:
     return low, middle, high
 
 
-def evidence(stage: Stage, best: int, history: History, *, numbered: bool = False) -> Evidence:
+def evidence(stage: Stage, best: int, history: History, *, explained: bool) -> Evidence:
     """Return what draws and answers say of row `best` of the bank.
 
     Args:
         stage: What is known after `history`.
         best: Row of the result.
         history: Samples and answers, one answer or more.
-        numbered: Whether θ is the number of a candidate, which explains nothing.
+        explained: As in `Evidence`.
     """
     draws = stage.utilities.some(len(stage.costs))
     better = _better(draws, stage.logs, best) & ~stage.bank.hopeless
     chances = better.mean(axis=0)
     # Only what was not shown yet can be the most promising one.
-    chances[[stage.bank.find(sample.theta) for sample in history.samples[: history.answered]]] = 0.0
+    chances[stage.bank.rows([sample.theta for sample in history.samples[: history.answered]])] = 0.0
     row = int(np.argmax(chances))
     held, predicted = _foretell(draws, Lessons.of(stage.bank, stage.scale, history), history)
     return Evidence(
@@ -194,7 +194,7 @@ def evidence(stage: Stage, best: int, history: History, *, numbered: bool = Fals
         wide=float(np.quantile(better[:, stage.spread].mean(axis=1), _QUANTILE)),
         held=held,
         predicted=predicted,
-        explained=numbered or explains(history, stage.bank, stage.scale, stage.utilities),
+        explained=explained,
         chance=float(chances[row]),
         promising=tuple(stage.bank.thetas[row].tolist()),
     )
@@ -286,9 +286,11 @@ class Screening(Simulating):
         stage = self.stage(history)
         # The formula was fitted to exact simulations: with a twin, the draws' share means something else.
         row = None if stage.rough else _row(stage.bank, np.array(history.samples[best].theta))
+        if row is None:
+            return None
         # The numbers of given candidates mean nothing, so that what they predict is chance.
-        numbered = self.simulations.candidates is not None
-        return None if row is None else evidence(stage, row, history, numbered=numbered)
+        explained = self.simulations.candidates is not None or self.growth.explains(history)
+        return evidence(stage, row, history, explained=explained)
 
     @property
     def certificate(self) -> Certificate | None:
@@ -307,14 +309,21 @@ class Screening(Simulating):
         return self.simulations.learn_once(Growth, setup.space, most, setup.seed, setup.settings.taste)
 
     def remember(self, history: History) -> bytes:
-        """Return the latest stages up to `history`, which take a tenth of a second an answer."""
+        """Return the latest stages up to `history` and shapes of φ, which take long to learn."""
         with one_thread():
-            return msgspec.msgpack.encode(self.growth.worth_keeping(history))
+            kept = self.growth.worth_keeping(history), self._beyond.models.remember(history)
+            return msgspec.msgpack.encode(kept)
 
     def recall(self, learned: bytes) -> None:
         """Use what `remember` of the same settings returned, as far as record and KPIs are the same."""
         with suppress(msgspec.MsgspecError):  # of another version: all is learned anew
-            self.growth.recall(msgspec.msgpack.decode(learned, type=dict[bytes, KeptStage]))
+            stages, shapes = msgspec.msgpack.decode(learned, type=tuple[dict[bytes, KeptStage], Learned])
+            self.growth.recall(stages)
+            self._beyond.models.recall(shapes)
+
+    @property
+    def _beyond(self) -> "BeyondKPIs":
+        return self.simulations.learn_once(BeyondKPIs, self.space, self.setup.seed)
 
     def _holds(self, bank: Bank, row: int) -> bool:
         """Return whether a row keeps the limits in all perturbed runs; without `holds` any does."""
@@ -369,9 +378,8 @@ class Screening(Simulating):
         stage, best = self.stage(history), history.incumbent
         rng = np.random.default_rng([self.setup.seed, history.answered])
         tried = Tried(self.space, history)
-        if self.simulations.candidates is None and without_kpis(history, stage):
-            others = self.simulations.learn_once(BeyondKPIs, self.space, self.setup.seed)
-            beyond = tried.fresh(others.propose(history, stage), rng)
+        if self.simulations.candidates is None and without_kpis(history, stage, self.growth.explains):
+            beyond = tried.fresh(self._beyond.propose(history, stage), rng)
             # It is new to the simulations, so it may fail or never arrive: then the draws choose.
             if self.growth.works(beyond):
                 return beyond
@@ -464,10 +472,10 @@ def _row(bank: Bank, theta: Float[np.ndarray, " n"]) -> int | None:
         return None
 
 
-def without_kpis(history: History, stage: Stage) -> bool:
-    """Return whether the next θ is proposed without KPIs."""
+def without_kpis(history: History, stage: Stage, explains: Callable[[History], bool]) -> bool:
+    """Return whether the next θ is proposed without KPIs, by whether they explain the answers of a record."""
     known = not stage.bank.hopeless[stage.spread].all()
-    return known and (is_stalled(history) or not explains(history, stage.bank, stage.scale, stage.utilities))
+    return known and (is_stalled(history) or not explains(history.past))
 
 
 def is_stalled(history: History) -> bool:
@@ -479,11 +487,11 @@ def is_stalled(history: History) -> bool:
 
 
 class BeyondKPIs:
-    """Proposals from answers and θ alone; what it remembers only saves time."""
+    """Proposals from answers and θ alone; what its `models` remember only saves time."""
 
     def __init__(self, simulations: Simulations, space: KnobSpace, seed: int) -> None:
         # As if its start were the answers that came before it takes over.
-        self._models = ModelSelection(Setup(space, AFTER, seed, GLISpSettings(kpis=False)))
+        self.models = ModelSelection(Setup(space, AFTER, seed, GLISpSettings(kpis=False)))
 
     def propose(self, history: History, stage: Stage) -> Float[np.ndarray, " n"]:
         """Return the next point of the cube, shape (n,)."""
@@ -491,4 +499,4 @@ class BeyondKPIs:
         if count < _UNTIL and count % _EVERY == _EVERY - 1:
             rows = stage.spread[~stage.bank.hopeless[stage.spread]]
             return np.asarray(stage.bank.z[rows[count % len(rows)]])
-        return propose(self._models.setup, self._models.fit(history))
+        return propose(self.models.setup, self.models.fit(history))

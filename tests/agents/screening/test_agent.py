@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from contracts.proposals import HALF, MIXED, RARE, SMALL, TINY, judge, run
 from prefcal_agents import Screening, restore
 from prefcal_agents.agent import AgentState
+from prefcal_agents.glisp.fits import ModelSelection
 from prefcal_agents.screening.agent import BeyondKPIs, without_kpis
 from prefcal_agents.screening.bank import Growth, Simulations
 from prefcal_agents.screening.findings import findings
@@ -373,12 +374,12 @@ def by_theta(theta):
 
 
 def studied(cost, count, seed=0):
-    """The record of someone with this cost and `count` answers, and its stage."""
+    """The record of someone with this cost and `count` answers, its stage, and whether KPIs explain one."""
     grown = Growth(Simulations(unrelated), SQUARE, 60, seed)
     bank = grown.stage(History()).bank
     costs = [cost(theta) for theta in bank.thetas[: count + 1]]
     record = in_chain(bank, range(count + 1), np.sign(np.diff(costs)).astype(int).tolist())
-    return record, grown.stage(record)
+    return record, grown.stage(record), grown.explains
 
 
 def proposed(record, stage, seed=0):
@@ -391,7 +392,7 @@ def test_who_judges_by_theta_is_shown_proposals_without_kpis_after_ten_answers()
 
 
 def test_what_is_proposed_is_a_point_of_the_cube_and_the_same_for_the_same_seed():
-    record, stage = studied(by_theta, 12)
+    record, stage, _ = studied(by_theta, 12)
     one, again = (proposed(record, stage, 4) for _ in range(2))
     assert one.shape == (2,)
     assert np.all((one >= 0) & (one <= 1))
@@ -399,8 +400,33 @@ def test_what_is_proposed_is_a_point_of_the_cube_and_the_same_for_the_same_seed(
 
 
 def test_every_fourth_proposal_fills_the_space():
-    record, stage = studied(by_theta, 11)
+    record, stage, _ = studied(by_theta, 11)
     point = proposed(record, stage)
     assert np.array_equal(point, stage.bank.z[stage.spread[11]])
-    record, stage = studied(by_theta, 12)
+    record, stage, _ = studied(by_theta, 12)
     assert not np.any(np.all(stage.bank.z == proposed(record, stage), axis=1))
+
+
+def by_theta_alone(count):
+    """An agent after so many answers of someone whose answers KPIs do not explain."""
+    study = Screening(SQUARE, simulate=unrelated, n_simulated=60, n_max=60)
+    while study.history.answered < count:
+        query = study.ask()
+        costs = [by_theta(side.theta) for side in (query.challenger, query.incumbent) if side]
+        study.tell(query, int(np.sign(costs[0] - costs[-1])) if len(costs) > 1 else None)
+    return study
+
+
+def test_a_later_session_recalls_shapes_of_proposals_without_kpis_and_proposes_the_same(monkeypatch):
+    study, learned = by_theta_alone(24), list[int]()
+    again = restore(SQUARE, study.state, simulate=unrelated)
+    again.recall(study.remember(study.history))
+    again.history, follow = study.history.until(24), ModelSelection._follow
+    monkeypatch.setattr(
+        ModelSelection,
+        "_follow",
+        lambda models, past, *rest: (learned.append(past.answered), follow(models, past, *rest))[1],
+    )
+    assert again.ask() == study.ask()
+    assert again.growth.explains(again.history.past) is False
+    assert [count for count in learned if count <= 20] == []

@@ -306,7 +306,7 @@ def after(growth, rows, answers, best):
     record = in_chain(growth.stage(History()).bank, rows, answers)
     stage = growth.stage(record)
     theta = growth.stage(History()).bank.thetas[best]
-    return evidence(stage, stage.bank.find(theta), record)
+    return evidence(stage, stage.bank.find(theta), record, explained=growth.explains(record))
 
 
 def answered(agent, count):

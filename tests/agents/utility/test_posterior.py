@@ -113,14 +113,19 @@ def test_stated_limits_come_first_unless_answers_say_otherwise():
     assert respected(update(before, none, ignored, scale, rng)) < 0.5
 
 
-@pytest.mark.parametrize("strength", [3, 0.5])
-def test_the_strength_is_the_weight_of_an_answer(strength):
+def weighed(strength, times):
+    """Draws after an answer of this strength that is given so many times."""
     pair = pairs_of(1)
-    answer = Answer(sure(pair)[0], strength=strength)
-    plain, weighed = (lessons(of_pairs(BANK, pair, given)) for given in (sure(pair), [answer]))
-    one = plain.log_likelihood(prior())
-    assert weighed.log_likelihood(prior()) == pytest.approx(float(strength) * one)
-    assert one.std() > 0.1
+    one = lessons(of_pairs(BANK, pair, [Answer(sure(pair)[0], strength=strength)]))
+    rows = np.zeros(times, dtype=np.int64)
+    given = Lessons(one.logs, one.better[rows], one.worse[rows], one.tie[rows], one.strength[rows])
+    return update(prior(), lessons(History()), given, SCALE, np.random.default_rng(1)).normals
+
+
+def test_an_answer_of_strength_3_counts_as_three_and_two_of_strength_half_as_one():
+    assert np.array_equal(weighed(3, 1), weighed(1, 3))
+    assert np.array_equal(weighed(0.5, 2), weighed(1, 1))
+    assert not np.array_equal(weighed(3, 1), weighed(1, 1))
 
 
 def test_the_preferred_experiment_of_each_answer_is_the_better_one():
@@ -186,3 +191,15 @@ def test_equal_experiments_are_called_alike_but_for_mistakes():
         record = of_pairs(same, [(0, 1), (3, 4)], [answer, None])
         found = lessons(record, same).log_probabilities(utilities)
         assert np.exp(found) == pytest.approx(chance, rel=0.05)
+
+
+def test_old_answers_are_found_among_new_ones_and_kept_where_they_are_gone():
+    pairs = pairs_of(6)
+    record = of_pairs(BANK, pairs, sure(pairs))
+    old, new, draws = lessons(record), lessons(record.retracted(3).retracted(9)), prior().some(64)
+    united, places = new.unite(old)
+    assert (len(old), len(new), len(united)) == (6, 4, 6)
+    assert places.tolist() == [0, 4, 1, 2, 5, 3]
+    found = united.log_probabilities(draws)
+    assert np.array_equal(found[:, :4], new.log_probabilities(draws))
+    assert np.array_equal(found[:, places], old.log_probabilities(draws))
