@@ -84,7 +84,7 @@ def test_without_a_stated_limit_it_is_said_what_counts_and_usual_limits_are_offe
     assert 0 < light < 40
     assert found.limits == (
         "No limit that a run can break is stated. What counts: a safe end, and nothing infinite that is "
-        "finite nominally. The nominal run does so. Usual are settling time at most 2 s (twice the nominal "
+        "finite nominally. The nominal run holds. Usual are settling time at most 2 s (twice the nominal "
         f"one), which 40 of 40 runs keep; overshoot at most 10 %, which {light} of 40 runs keep: state them "
         "as objectives of the KPIs."
     )
@@ -124,6 +124,9 @@ def test_beside_some_failed_runs_stands_what_to_do_next():
     assert "Before (current tuning): 200 of 200 of the same plants." in said.statement
     (alone,) = Verified.of(found, SPRING, "", "1.0", "").advice
     assert alone == relax
+    small = replace(found, tuning=replace(found.tuning, theta=np.array([-2.13872e-06])))
+    robust, _ = Verified.of(small, replace(SPRING, simulated=True), "", "1.0", "").advice
+    assert '--start "gain=-2.13872e-06"' in robust, "typed as it stands, with all digits and a plain minus"
 
 
 def test_titles_of_ones_own_begin_with_capitals_and_get_the_same_offers():
