@@ -166,6 +166,19 @@ def test_what_changes_no_kpi_is_said():
     assert "noise" not in dict(kept.left_out)  # it did vary
 
 
+def test_runs_without_variation_have_the_noise_of_the_study_and_others_their_own():
+    def noisy(theta, seed=0, mass=1.0):
+        return run(theta, seed, mass).with_kpis({"weight": 1.0 + seed / 100, "pull": 4.0})
+
+    found = verify(replace(SPRING, run=noisy), THETA, 5, start=THETA / 2, noise=7, jobs=1)
+    assert [each.nominal.kpis["weight"] for each in (found.tuning, found.before)] == [1.07, 1.07]
+    assert {each.kpis["weight"] for each in found.alone} == {1.07}
+    other = verify(replace(SPRING, run=noisy), THETA, 5, jobs=1)
+    assert [each.seed for each in found.runs] == [each.seed for each in other.runs]
+    with pytest.raises(SettingsError, match="noise must be an integer, 0 or more, got -1"):
+        verify(SPRING, THETA, 5, noise=-1, jobs=1)
+
+
 def test_what_somebody_leaves_out_and_what_no_model_has_is_named_as_not_varied():
     found = verify(SPRING, THETA, 3, ranges={"mass": 0.0}, jobs=1)
     assert [f.name for f in found.factors] == ["stiffness"]
