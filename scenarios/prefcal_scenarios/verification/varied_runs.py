@@ -161,12 +161,11 @@ def verify(
         KnobError: If θ does not fit the scenario.
         SettingsError: If an argument is not valid, or all ranges are 0.
     """
-    integer("runs", runs, low=1, error=SettingsError)
-    integer("seed", seed, low=0, error=SettingsError)
+    noise = seed if noise is None else noise
+    for name, value, low in (("runs", runs, 1), ("seed", seed, 0), ("noise", noise, 0)):
+        integer(name, value, low=low, error=SettingsError)
     found = _scenario(scenario, theta)
     thetas = [found.space.check(np.asarray(each, dtype=float)) for each in (theta, start) if each is not None]
-    noise = seed if noise is None else noise
-    integer("noise", noise, low=0, error=SettingsError)
     found, known = _with_kpis(found, thetas[0], noise, timeout), _varied(found)
     factors, fixed = _within(known.factors, ranges or {})
     tunings = list(_nominally(found, known, thetas, noise, timeout))
