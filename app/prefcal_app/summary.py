@@ -433,14 +433,16 @@ def _listed(names: Sequence[str]) -> str:
 def at_end(space: KnobSpace, theta: Float[np.ndarray, " n"]) -> list[tuple[Knob, bool]]:
     """Return the knobs of θ at an end of their searched range, and whether it is the upper end.
 
-    Frozen knobs are left out.
+    Frozen knobs are left out, and ends at 0: what is off or has no size, such as a derivative time, goes no
+    further.
     """
     found = []
     for knob, (low, high), value in zip(space, space.within, theta.tolist(), strict=True):
         start, end, here = knob.encode(low), knob.encode(high), knob.encode(value)
         share = (here - start) / (end - start) if end > start else 0.5
-        if not _AT_END < share < 1 - _AT_END:
-            found.append((knob, share >= 1 - _AT_END))
+        upper = share >= 1 - _AT_END
+        if not _AT_END < share < 1 - _AT_END and (high if upper else low):
+            found.append((knob, upper))
     return found
 
 

@@ -109,13 +109,15 @@ class LinearPIDs:
         return np.asarray(np.abs(np.linalg.eigvals(self.loops(plant))).max(axis=1) < 1 - 1e-9)
 
     def sensitivity(self, plant: LinearSystem, omega: Float[np.ndarray, " k"]) -> np.ndarray:
-        """Return max σ((1 + G C)^-1) over `omega`, infinite for unstable loops, shape (m,).
+        """Return max σ((1 + C G)^-1) over `omega`, infinite for unstable loops, shape (m,).
+
+        It is that at the inputs, as of `margins`; with one PID there is no other.
 
         Source: Skogestad, Postlethwaite, Multivariable Feedback Control.
         """
         z = np.exp(1j * omega * plant.dt)[:, None]
         C = self._law(plant.dt, each=True).at(z)  # (m, k, p)
-        difference = np.eye(self.K_p.shape[1]) + plant.at(1j * omega) * C[:, :, None, :]
+        difference = np.eye(self.K_p.shape[1]) + plant.at(1j * omega) * C[..., None]
         if difference.shape[-1] == 1:
             least = np.abs(difference[..., 0, 0]).min(axis=1)
         else:

@@ -162,6 +162,11 @@ class Findings:
         return self.certificate is None or self.certificate.explained
 
     @property
+    def concluded(self) -> bool:
+        """Return whether it is known what carries the result of a study that is over."""
+        return self.over and self.parts > 1
+
+    @property
     def decisive(self) -> Influence | None:
         """Return the answer in doubt that carries the result; None if none alone does."""
         found = None if self.best is None else decisive(self.influences, self.best)

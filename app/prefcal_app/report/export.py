@@ -53,6 +53,7 @@ class BestTuning:
     baseline: str  # what that is, such as "current tuning"
     kpis: Mapping[str, float]  # its KPIs in the study; those that are not finite are left out
     end: End  # how its experiment in the study ended
+    seed: int  # seed of its experiment, and so of the noise in it
     own: bool  # whether the scenario is a person's own, whose code can do anything
     digest: str  # SHA-256 of the file that it was read from, in hexadecimal digits
 
@@ -297,7 +298,15 @@ def tuning_of(path: str | Path) -> BestTuning:
     known = None if start is None else _values(scenario, start, path)
     kpis = {name: value for name, value in content.get("kpis", {}).items() if is_number(value)}
     own, end = is_own(content["scenario"]), _end(content, path)
-    return BestTuning(scenario, theta, known, str(before.get("what", "")), kpis, end, own, digest)
+    baseline, seed = str(before.get("what", "")), _seed(content)
+    return BestTuning(scenario, theta, known, baseline, kpis, end, seed, own, digest)
+
+
+def _seed(content: Mapping[str, Any]) -> int:
+    """Return the seed of the study of a best.json; 0 if it does not say one."""
+    study = content.get("study")
+    seed = study.get("seed") if isinstance(study, Mapping) else None
+    return seed if isinstance(seed, int) and seed >= 0 else 0
 
 
 def _end(content: Mapping[str, Any], path: str | Path) -> End:

@@ -376,6 +376,7 @@ def verify_best(
             tuning.theta,
             runs,
             start=tuning.before,
+            noise=tuning.seed,
             ranges=ranges,
             jobs=jobs,
             timeout=timeout,

@@ -159,7 +159,7 @@ def _held(kept: int, which: str, scenario: Scenario) -> str:
     """
     limited = breakable(scenario.kpis)
     if kept >= ENOUGH and limited:
-        return f"{which} keeps the limits in all {ENOUGH} perturbed runs."
+        return f"{which} keeps the limits that it meets nominally in all {ENOUGH} perturbed runs."
     if kept >= ENOUGH:
         reach = "end safely and reach what the nominal run reaches (no limit is stated)"
         return f"{which} holds: all {ENOUGH} perturbed runs {reach}."
@@ -242,7 +242,7 @@ def told(found: Findings, scenario: Scenario) -> tuple[str, ...]:
 
     Empty while not known.
     """
-    if not found.over or found.parts < 2:
+    if not found.concluded:
         return ()
     said = () if found.robustness is None else tuple(robust(found.robustness, scenario))
     if found.explained:

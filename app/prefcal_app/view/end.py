@@ -326,7 +326,7 @@ def reasons(interview: Interview) -> list[str]:
         return []
     outlook, found = interview.known.outlook, interview.known.findings
     said = [] if outlook is None else [outlook.unbeaten]
-    if found is not None and found.explained:
+    if found is not None and found.concluded and found.explained:
         said += [wanted(dict(found.wishes), interview.scenario), carried_by(found.decisive)]
     # If an answer speaks against the result, `unbeaten` says so.
     return [*filter(None, said)] or ["No experiment that was compared is better by what was answered."]
@@ -335,7 +335,7 @@ def reasons(interview: Interview) -> list[str]:
 def held(interview: Interview) -> list[str]:
     """Return how the result of a robust study holds, a sentence each; empty for other studies."""
     found = interview.known.findings
-    known = None if found is None or not found.over or found.parts < 2 else found.robustness
+    known = None if found is None or not found.concluded else found.robustness
     return [] if known is None else list(robust(known, interview.scenario))
 
 

@@ -131,7 +131,7 @@ class PIDs:
         return pids[0] if len(pids) == 1 else Decentralized(pids)
 
     def sensitivity(self, theta: Float[np.ndarray, " n"]) -> float:
-        """Return the largest σ((1 + G C)^-1), infinite if the loop is unstable."""
+        """Return the largest σ((1 + C G)^-1) at the inputs, infinite if the loop is unstable."""
         omega = np.geomspace(1e-4, 0.999, 300) * np.pi / self.plant.dt
         pids = LinearPIDs.of([tuning for _, tuning, _ in self._tunings(theta)], N)
         return float(pids.sensitivity(self.plant, omega)[0])

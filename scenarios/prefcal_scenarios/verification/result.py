@@ -22,7 +22,6 @@ from prefcal_scenarios.runs import HasKPIs
 from prefcal_scenarios.scenario import KPI, Scenario
 from prefcal_scenarios.wording import (
     comparable,
-    knob_number,
     labeled,
     limits_text,
     number,
@@ -51,7 +50,7 @@ class VerifiedRun:
     @property
     def words(self) -> str:
         """Return the problems as text, for people."""
-        return "; ".join(self.problems) or "within the limits"
+        return "; ".join(self.problems) or "holds"
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,7 +210,7 @@ class Verification:
         usual = [] if aims or not self.runs else list(self._usual())
         offers = f" Usual are {'; '.join(usual)}: state them as objectives of the KPIs." if usual else ""
         own = self.tuning.nominal
-        nominal = f"The nominal run: {own.words}." if aims or own.problems else "The nominal run does so."
+        nominal = f"The nominal run: {own.words}." if own.problems else "The nominal run holds."
         return f"{stated} infinite that is finite nominally. {nominal}{offers}"
 
     def _usual(self) -> Iterator[str]:
@@ -401,7 +400,7 @@ _NAMED = 6  # number of values of a run that are named
 class WorstRun:
     """One of the worst random runs."""
 
-    words: str  # which stated limits it loses, or that it is within them
+    words: str  # which stated limits it loses, or that it holds
     # values that differ from the nominal ones, by name, the one that moved most within
     # its range first
     values: dict[str, float]
@@ -417,7 +416,7 @@ class WorstRun:
             return abs(run.values[f.name] - f.nominal) / max(f.high - f.nominal, f.nominal - f.low)
 
         values = {f.name: run.values[f.name] for f in sorted(factors, key=moved, reverse=True)}
-        words = run.words if run.problems else f"most different from nominal, {run.words}"
+        words = run.words if run.problems else f"most different from nominal, but {run.words}"
         return cls(words, values, run.seed, units={f.name: f.unit for f in factors if f.unit})
 
     @property
@@ -536,7 +535,8 @@ def _next(found: Verification, scenario: Scenario) -> tuple[str, ...]:
     if not found.failed:
         return ()
     theta = zip(scenario.space, found.tuning.theta.tolist(), strict=True)
-    start = ", ".join(f"{knob.name}={knob_number(knob, value)}" for knob, value in theta)
+    # To be typed: as a command reads it, and not rounded beyond its range.
+    start = ", ".join(f"{knob.name}={value:.10g}" for knob, value in theta)
     robust = (
         "look for one that holds on other plants: if the study was not robust, repeat its command with "
         f'--robust --start "{start}"; with --taste and the name of a saved study, your answers count there'

@@ -126,6 +126,7 @@ def verify(
     *,
     start: Float[np.ndarray, " n"] | None = None,
     seed: int = 0,
+    noise: int | None = None,
     ranges: Ranges | None = None,
     jobs: int | None = None,
     timeout: float | None = None,
@@ -144,6 +145,8 @@ def verify(
         runs: Number of random runs.
         start: Current tuning, shape (n,), whose KPIs are shown beside; None to leave it out.
         seed: Seed of the variations and of the runs.
+        noise: Seed of the runs without variation, and of those of one factor alone; None for `seed`. With
+            that of the study, they read as they did there.
         ranges: Relative changes by name or kind of factor, such as {"parameter": 0.2, "dead time":
             (0.0, 0.2)}; 0 leaves a factor out. See `Ranges`.
         jobs: Number of processes; None for all cores, or this process if all runs are quick.
@@ -158,15 +161,16 @@ def verify(
         KnobError: If θ does not fit the scenario.
         SettingsError: If an argument is not valid, or all ranges are 0.
     """
-    integer("runs", runs, low=1, error=SettingsError)
-    integer("seed", seed, low=0, error=SettingsError)
+    noise = seed if noise is None else noise
+    for name, value, low in (("runs", runs, 1), ("seed", seed, 0), ("noise", noise, 0)):
+        integer(name, value, low=low, error=SettingsError)
     found = _scenario(scenario, theta)
     thetas = [found.space.check(np.asarray(each, dtype=float)) for each in (theta, start) if each is not None]
-    found, known = _with_kpis(found, thetas[0], seed, timeout), _varied(found)
+    found, known = _with_kpis(found, thetas[0], noise, timeout), _varied(found)
     factors, fixed = _within(known.factors, ranges or {})
-    tunings = list(_nominally(found, known, thetas, seed, timeout))
+    tunings = list(_nominally(found, known, thetas, noise, timeout))
     factors, unfair = _fair(found, known, factors, tunings[0], timeout)
-    cases = tuple(_cases(factors, len(tunings), runs, seed))
+    cases = tuple(_cases(factors, len(tunings), runs, seed, noise))
     if jobs is None and timeout is None and _seconds(found, thetas[0], clock) * len(cases) <= _QUICK:
         jobs = 1
     varied = Variations(known.at, tuple(thetas), cases)
@@ -332,13 +336,13 @@ def _seconds(scenario: Scenario, theta: Float[np.ndarray, " n"], clock: Callable
     return clock() - before
 
 
-def _cases(factors: tuple[Factor, ...], tunings: int, runs: int, seed: int) -> Iterator[_Case]:
+def _cases(factors: tuple[Factor, ...], tunings: int, runs: int, seed: int, noise: int) -> Iterator[_Case]:
     """Yield random runs of the tuning, then each factor alone, then the random runs of the other."""
     rows = [draw(factors, seed, k) for k in range(runs)]
     seeds = [int(np.random.default_rng([seed, k, 1]).integers(2**31)) for k in range(runs)]
     yield from (_Case(0, row, each) for row, each in zip(rows, seeds, strict=True))
     for factor in factors:
-        yield from (_Case(0, {factor.name: value}, seed) for value in (factor.low, factor.high))
+        yield from (_Case(0, {factor.name: value}, noise) for value in (factor.low, factor.high))
     for which in range(1, tunings):
         yield from (_Case(which, row, each) for row, each in zip(rows, seeds, strict=True))
 

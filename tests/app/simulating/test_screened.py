@@ -244,7 +244,7 @@ def test_what_robustness_costs_is_said_of_a_result_that_holds(kept, costs, words
     with_limits = next(robust(RobustResult(kept, costs), limited))
     if kept == 300:
         assert said[0].startswith("The result holds: all 300 perturbed runs end safely and reach what")
-        assert with_limits == "The result keeps the limits in all 300 perturbed runs."
+        assert with_limits == "The result keeps the limits that it meets nominally in all 300 perturbed runs."
     else:
         assert said[0].startswith("The result does not hold: perturbed run 13 of 300 does not end safely")
         assert with_limits.endswith("perturbed run 13 of 300 does not keep the limits.")

@@ -100,6 +100,13 @@ def test_a_frozen_knob_is_where_it_was_put():
     assert [knob.name for knob, _ in at_end(frozen, np.array([0.25, 30, 1.0, 0.0]))] == ["N_p"]
 
 
+def test_nobody_is_told_to_go_below_zero():
+    # K_p cannot fall below 0.1 by a log scale; a PID refuses T_d = -2.5, to which a quarter more would lead.
+    pid = KnobSpace([Knob("K_p", 0.1, 10.0, scale="log10"), Knob("T_d", 0.0, 10.0, "s"), Knob("b", 0.0, 1.0)])
+    assert at_end(pid, np.array([1.0, 0.0, 0.0])) == []
+    assert at_end(pid, np.array([0.1, 0.1, 1.0])) == [(pid.knobs[0], False), (pid.knobs[2], True)]
+
+
 def test_without_a_file_there_is_no_command():
     found = said([0.25, 20, 1.0, 0.0], place=":memory:")
     assert found.command == ""

@@ -13,7 +13,7 @@ from prefcal_app.simulating import Screened
 from prefcal_app.view import look_view, map_view, now_view, why_view
 from prefcal_app.view.end import _axes, _chosen, _points, menu_view
 from prefcal_env.preferences.history import History
-from support.interviews import begin, proceed
+from support.interviews import begin, proceed, worked
 from support.looks import toy
 from support.screened import explained, let_say, screening
 from support.windows import make_room
@@ -191,6 +191,21 @@ def test_an_answer_that_hardly_changes_the_result_is_said_and_blind_hides_it(say
     assert told(interview, blind=True)["why"] == ""
     carries(interview, stakes=0.3)
     assert "hardly" not in told(interview)["why"]
+
+
+def test_what_carries_the_result_is_not_said_before_it_is_worked_out():
+    # It takes seconds: until then "No single answer ..." could be the opposite of what follows.
+    interview = explained(screening())
+    interview.do(actions.Answer(interview.now().question.id, Choice.LEFT))
+    interview.do(actions.Finish())
+    while interview.known.findings is None or not interview.known.findings.over:
+        interview.work()
+    assert not interview.known.findings.concluded
+    first = now_view(interview)["over"]["why"]
+    assert first == ["No experiment that was compared is better by what was answered."]
+    worked(interview)
+    said = now_view(interview)["over"]["why"]
+    assert said[-1].startswith(("The result rests on the answer about experiment", "No single answer"))
 
 
 def reads(interview, rows):

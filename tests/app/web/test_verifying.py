@@ -28,7 +28,7 @@ def said_of(folder):
         runs=2,
         planned=2,
         effects=tuple(f"effect {k}" for k in range(9)),
-        worst=(WorstRun("within the limits", {"dead time": 7.1234567}, 3, units={"dead time": "s"}),),
+        worst=(WorstRun("holds", {"dead time": 7.1234567}, 3, units={"dead time": "s"}),),
         best=digest_of(folder / BEST),
     )
 

@@ -15,6 +15,7 @@ from prefcal_env.plants.systems import system_of
 from prefcal_scenarios.described.design import process_of
 from prefcal_scenarios.described.lqr_scenario import lqr_scenario
 from prefcal_scenarios.described.pid_scenario import pid_scenario
+from prefcal_scenarios.verification.result import margins_at
 
 VALVE = Channel("valve", "%", 0, 100)
 PLANTS = {
@@ -268,6 +269,16 @@ def test_a_column_with_a_dead_time_for_each_entry_is_tuned():
     task = Task(x0=column.x0, u0=np.zeros(2), y_ref=np.zeros(2), horizon=29 * T_s, dense_step=T_s)
     held = type("Held", (), {"T_s": T_s, "move": lambda _, m: Move(np.ones(2))})()
     assert np.allclose(rollout(PlantEnv(column, task), held, np.ones(1)).y, y)
+
+
+def test_the_sensitivity_of_coupled_loops_is_that_of_their_margins():
+    # At the outputs it is 1.8: the same name had two values on one page.
+    lags, mixed = np.diag([-0.2, -0.125, -0.1, -0.25]), np.array([[1.2, 0, 1.0, 0], [0, 0.7, 0, 1.0]])
+    plant = Plant.of((lags, [[0.2, 0], [0, 0.125], [0, 0.03], [0.05, 0]], mixed, np.zeros((2, 2))))
+    scenario = pid_scenario(plant)
+    theta = np.array([6.37, 0.301, 0.194, 0.2, 60.0, 0.221, 0.012, 0.03])
+    assert scenario.run(theta).kpis["M_s"] == pytest.approx(1.98, abs=0.01)
+    assert margins_at(scenario.source.varied(), theta).M_s == pytest.approx(1.98, abs=0.01)
 
 
 @pytest.mark.parametrize("delay", [0.0, 1.0])

@@ -84,7 +84,7 @@ def test_without_a_stated_limit_it_is_said_what_counts_and_usual_limits_are_offe
     assert 0 < light < 40
     assert found.limits == (
         "No limit that a run can break is stated. What counts: a safe end, and nothing infinite that is "
-        "finite nominally. The nominal run does so. Usual are settling time at most 2 s (twice the nominal "
+        "finite nominally. The nominal run holds. Usual are settling time at most 2 s (twice the nominal "
         f"one), which 40 of 40 runs keep; overshoot at most 10 %, which {light} of 40 runs keep: state them "
         "as objectives of the KPIs."
     )
@@ -124,6 +124,9 @@ def test_beside_some_failed_runs_stands_what_to_do_next():
     assert "Before (current tuning): 200 of 200 of the same plants." in said.statement
     (alone,) = Verified.of(found, SPRING, "", "1.0", "").advice
     assert alone == relax
+    small = replace(found, tuning=replace(found.tuning, theta=np.array([-2.13872e-06])))
+    robust, _ = Verified.of(small, replace(SPRING, simulated=True), "", "1.0", "").advice
+    assert '--start "gain=-2.13872e-06"' in robust, "typed as it stands, with all digits and a plain minus"
 
 
 def test_titles_of_ones_own_begin_with_capitals_and_get_the_same_offers():
@@ -161,6 +164,19 @@ def test_what_changes_no_kpi_is_said():
     kept = Verified.of(found, SPRING, "", "1.0", "")
     assert ("noise", "0.45 to 0.55", "usual, no effect alone") in kept.varied
     assert "noise" not in dict(kept.left_out)  # it did vary
+
+
+def test_runs_without_variation_have_the_noise_of_the_study_and_others_their_own():
+    def noisy(theta, seed=0, mass=1.0):
+        return run(theta, seed, mass).with_kpis({"weight": 1.0 + seed / 100, "pull": 4.0})
+
+    found = verify(replace(SPRING, run=noisy), THETA, 5, start=THETA / 2, noise=7, jobs=1)
+    assert [each.nominal.kpis["weight"] for each in (found.tuning, found.before)] == [1.07, 1.07]
+    assert {each.kpis["weight"] for each in found.alone} == {1.07}
+    other = verify(replace(SPRING, run=noisy), THETA, 5, jobs=1)
+    assert [each.seed for each in found.runs] == [each.seed for each in other.runs]
+    with pytest.raises(SettingsError, match="noise must be an integer, 0 or more, got -1"):
+        verify(SPRING, THETA, 5, noise=-1, jobs=1)
 
 
 def test_what_somebody_leaves_out_and_what_no_model_has_is_named_as_not_varied():

@@ -653,7 +653,7 @@ def test_a_worst_run_names_what_moved_most_within_its_range_with_units():
 
 
 def test_a_worst_run_that_keeps_the_limits_is_only_the_most_different():
-    assert WorstRun.of(run_of(), FACTORS).words == "most different from nominal, within the limits"
+    assert WorstRun.of(run_of(), FACTORS).words == "most different from nominal, but holds"
 
 
 @pytest.fixture
