@@ -22,7 +22,7 @@ from prefcal_env.study.file import data_folder
 from prefcal_scenarios.names import is_built_in
 from prefcal_scenarios.runs import grouped
 from prefcal_scenarios.scenario import KPI
-from prefcal_scenarios.wording import limits_text, meaning, measured_texts, with_unit
+from prefcal_scenarios.wording import limits_text, meaning, measured_texts, typed_name, typed_number, with_unit
 
 # --- Compare two experiments KPI by KPI, what tells them apart first, for page and terminal.
 
@@ -460,7 +460,7 @@ def _command(ends: list[tuple[Knob, bool]], space: KnobSpace, place: str, scenar
     for knob, upper in ends:
         low, high = space.within[space.knobs.index(knob)]
         low, high = (low, _beyond(knob, low, high)) if upper else (_beyond(knob, high, low), high)
-        words += ["--knob", f"{knob.name.replace(' ', '_')}={low:g}:{high:g}"]
+        words += ["--knob", f"{typed_name(knob, space)}={typed_number(low)}:{typed_number(high)}"]
     return shlex.join(words)
 
 

@@ -23,7 +23,8 @@ from prefcal_scenarios.own import joined_source, split_source
 KNOB_EXAMPLE = '"K_p=0.1:100:log %/m"'
 """A knob as typed on the command line, for help and messages."""
 _RANGE = re.compile(r"([^\s\[]+)\s*(?:\[([^\]]*)\]|(.*))", re.DOTALL)
-_COMMA = re.compile(r",(?![^\[]*\])")  # A comma, but not the one in the name of an array's element, A[1,2]
+COMMA = re.compile(r",(?![^\[]*\])")
+"""A comma between entries, and not the one in the name of an array's element, A[1,2]."""
 
 
 def knob_of(text: str) -> Knob:
@@ -81,7 +82,7 @@ def _wrong(name: str, text: str) -> str:
 
 def listed(texts: Iterable[str]) -> list[str]:
     """Return the names in texts such as "level,valve", in order."""
-    names = [name.strip() for text in texts for name in _COMMA.split(text)]
+    names = [name.strip() for text in texts for name in COMMA.split(text)]
     return [name for name in names if name]
 
 
