@@ -22,7 +22,14 @@ from prefcal_env.study.file import data_folder
 from prefcal_scenarios.names import is_built_in
 from prefcal_scenarios.runs import grouped
 from prefcal_scenarios.scenario import KPI
-from prefcal_scenarios.wording import limits_text, meaning, measured_texts, typed_name, typed_number, with_unit
+from prefcal_scenarios.wording import (
+    limits_text,
+    meaning,
+    measured_texts,
+    typed_name,
+    typed_number,
+    with_unit,
+)
 
 # --- Compare two experiments KPI by KPI, what tells them apart first, for page and terminal.
 

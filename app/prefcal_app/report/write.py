@@ -395,7 +395,8 @@ def _kept(found: Verification, tuning: BestTuning, best: Path, timeout: float | 
         raise ScenarioError("stopped before a random run was completed, so nothing is written")
     if not best.is_file() or digest_of(best) != tuning.digest:
         raise StaleError(f"{str(best)!r} changed while its tuning was verified: verify again")
-    said = Verified.of(found, tuning.scenario, tuning.baseline, versions()["prefcal"], tuning.digest)
+    version, robust = versions()["prefcal"], tuning.robust
+    said = Verified.of(found, tuning.scenario, tuning.baseline, version, tuning.digest, robust=robust)
     said = replace(said, worst=_judged(said.worst, best.parent))
     said.write(best.parent)
     _keep_loop(best.parent, tuning.scenario, [each.margins for each in (found.tuning, found.before) if each])

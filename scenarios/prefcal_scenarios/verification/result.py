@@ -1,6 +1,7 @@
 """What came of a verification: frozen data, what follows from it, and what is kept of it."""
 
 import json
+import shlex
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -20,12 +21,12 @@ from prefcal_env.sources.varied import Factor, LeftOut
 from prefcal_scenarios.runs import HasKPIs
 from prefcal_scenarios.scenario import KPI, Scenario
 from prefcal_scenarios.wording import (
-    knob_number,
     labeled,
     limits_text,
     number,
     objective,
     quantity,
+    typed_theta,
     value_text,
     with_unit,
 )
@@ -93,6 +94,16 @@ class Effect:
     worsening: float
 
 
+@dataclass(frozen=True, slots=True)
+class Others:
+    """How other tunings fare, drawn at random from the ranges of the knobs."""
+
+    count: int  # number of tunings
+    nominal: int  # number of those that do nominally what is asked
+    # number of those that still do with the factor that alone makes the tuning fail, by its name
+    alone: Mapping[str, int]
+
+
 @dataclass(frozen=True)
 class Verification:
     """A tuning on plants that are not exactly as modeled.
@@ -106,6 +117,7 @@ class Verification:
         tuning: How the tuning fares.
         before: How the current tuning does on the same plants; None if it is not known.
         alone: Runs of the tuning with the lowest and the highest value of each factor, in pairs.
+        others: How other tunings fare; None if that is not known: all runs are good, or it takes long.
     """
 
     scenario: str
@@ -116,6 +128,7 @@ class Verification:
     tuning: Robustness
     before: Robustness | None
     alone: tuple[VerifiedRun, ...]
+    others: Others | None = None
 
     @property
     def runs(self) -> tuple[VerifiedRun, ...]:
@@ -250,6 +263,11 @@ class Verification:
         both = [[self._effect(factor, run) for run in runs] for factor, *runs in pairs]
         worse = [max(pair, key=lambda effect: effect.worsening) for pair in both]
         return tuple(sorted(worse, key=lambda effect: -effect.worsening))
+
+    @property
+    def breaking(self) -> tuple[Effect, ...]:
+        """Return the effects by which a limit is lost, the first few."""
+        return tuple(each for each in self.effects[:EFFECTS] if np.isinf(each.worsening))
 
     def worst(self, count: int = 3) -> tuple[VerifiedRun, ...]:
         """Return the worst random runs: by limits that they lose, then by their worst KPI."""
@@ -403,9 +421,16 @@ class Verified:
 
     @classmethod
     def of(
-        cls, found: Verification, scenario: Scenario, baseline: str, version: str, best: str
+        cls,
+        found: Verification,
+        scenario: Scenario,
+        baseline: str,
+        version: str,
+        best: str,
+        *,
+        robust: bool = False,
     ) -> "Verified":
-        """Return what a verification of a scenario's tuning says; see the class for the others."""
+        """Return what a verification of a scenario's tuning says, and of a `robust` study; see the class."""
         both = [found.tuning, *([found.before] if found.before else [])]
         margins, basis = margins_said([each.margins for each in both], found.tuning.time_unit)
         left = bool(baseline and found.runs) and found.before is None
@@ -419,7 +444,7 @@ class Verified:
             statement=found.statement + compared + alone,
             limits_kept=found.limits,
             margins_kept=found.margin_verdict,
-            advice=_next(found, scenario),
+            advice=_next(found, scenario, robust),
             share=found.share if found.runs else None,
             bound=found.bound,
             runs=len(found.runs),
@@ -475,17 +500,34 @@ class Verified:
             raise ScenarioError(f"cannot write {str(path)!r}: {error}. Not kept: {self.statement}") from error
 
 
-def _next(found: Verification, scenario: Scenario) -> tuple[str, ...]:
+def _next(found: Verification, scenario: Scenario, robust: bool) -> tuple[str, ...]:
     """Return what to do next if some run fails, a text each."""
     if not found.failed:
         return ()
-    theta = zip(scenario.space, found.tuning.theta.tolist(), strict=True)
-    start = ", ".join(f"{knob.name}={knob_number(knob, value)}" for knob, value in theta)
-    robust = (
-        "look for one that holds on other plants: if the study was not robust, repeat its command with "
-        f'--robust --start "{start}"; with --taste and the name of a saved study, your answers count there'
-    )
-    return (*((robust,) if scenario.simulated else ()), *found.advice)
+    tried, change = found.others, "change the controller or relax the limit"
+    if not breakable(found.kpis):
+        change = "change the controller"
+    drawn = "" if tried is None else f"{tried.nominal or 'none'} of {tried.count} tunings drawn at random"
+    stuck = [] if tried is None else [e for e in found.breaking if not tried.alone.get(e.factor.name)]
+    if tried and not tried.nominal and found.tuning.nominal.problems:
+        first = f"{change}: this tuning does not hold even nominally, and {drawn} does"
+    elif stuck:
+        names = " and ".join(f"{e.factor.name} ({_range(e.factor)})" for e in stuck)
+        alone = "each alone make" if len(stuck) > 1 else "alone makes"
+        first = f"{change}: {names} {alone} every tuning fail that holds nominally, this one and {drawn}"
+    elif robust:
+        first = (
+            "the study was robust, which varies the plant and the noise only: start one with tighter "
+            f"limits, or {change}"
+        )
+    else:
+        hold = f" ({drawn} hold nominally)" if drawn else ""
+        start = shlex.join(["--robust", "--start", typed_theta(scenario.space, found.tuning.theta.tolist())])
+        first = (
+            f"look for one that holds on other plants{hold}: repeat the command of the study with {start}; "
+            "with --taste and the name of a saved study, your answers count there"
+        )
+    return (*((first,) if scenario.simulated else ()), *found.advice)
 
 
 def _kpi_row(kpi: KPI, tunings: list[Robustness]) -> tuple[str, ...]:

@@ -22,7 +22,7 @@ from prefcal_scenarios.isolated import DEFAULT_LIMIT
 from prefcal_scenarios.runs import FailedRun, HasKPIs, Progress, simulate_iter, simulate_many
 from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
 
-from .result import UNKNOWN, Robustness, Verification, VerifiedRun, margins_at, problems_of
+from .result import UNKNOWN, Others, Robustness, Verification, VerifiedRun, margins_at, problems_of
 
 # --- The perturbed runs of a candidate in a robust study: which there are, and how many keep the limits.
 
@@ -115,6 +115,8 @@ def _first_bad(reading: Reading, nominal: Outcome, runs: Sequence[Outcome], marg
 
 RUNS = 299
 """Runs that, if all are good, show with 95 % confidence that less than 1 % are not."""
+RIVALS = 60
+"""Other tunings: if none of them holds, less than 5 % of all do, with 95 % confidence."""
 _HANGS = 3.0  # times the longest other wait, after which a run that is stopped counts as not ended
 _QUICK = 2.0  # seconds of simulation that are not worth starting other processes
 
@@ -180,9 +182,15 @@ def verify(
     )
     left_out = (*known.left_out, *fixed, *unfair, *UNMODELED)
     kept = before[0] if before and before[0].runs else None
-    return Verification(
+    verified = Verification(
         found.name, found.kpis, factors, left_out, runs, tuning, kept, tuple(made[runs:alone])
     )
+    if not (verified.failed and found.simulated and len(made) == len(cases)):
+        return verified
+    thetas, cases = _rivals(verified, found.space, seed)
+    results = _done(Variations(known.at, thetas, cases), jobs, limit, progress, clock)
+    rivals = [_run(found, tuning.nominal, *pair) for pair in zip(cases, results, strict=False)]
+    return replace(verified, others=_counted(verified, rivals) if len(rivals) == len(cases) else None)
 
 
 def _within(known: tuple[Factor, ...], ranges: Ranges) -> tuple[tuple[Factor, ...], list[LeftOut]]:
@@ -386,3 +394,19 @@ def _run(scenario: Scenario, nominal: VerifiedRun, case: _Case, result: HasKPIs)
     if isinstance(result, FailedRun):
         problems = (f"the run failed: {result.words}",)
     return VerifiedRun(case.values, case.seed, result.end, result.kpis, problems)
+
+
+def _rivals(verified: Verification, space: KnobSpace, seed: int) -> tuple[list[Theta], tuple[_Case, ...]]:
+    """Return other tunings, and runs of each: nominally, and with what alone makes the tuning fail."""
+    z = np.random.default_rng([seed, _APART]).random((RIVALS, len(space)))
+    thetas = list(space.decode_all(z)[space.allows(space.decode_all(z))])
+    changes = [{}, *(each.run.values for each in verified.breaking)]
+    return thetas, tuple(_Case(k, dict(values), seed) for k in range(len(thetas)) for values in changes)
+
+
+def _counted(verified: Verification, made: Sequence[VerifiedRun]) -> Others:
+    """Return how the tunings of `_rivals` fare in their runs."""
+    names = [each.factor.name for each in verified.breaking]
+    good = np.array([not run.problems for run in made], dtype=bool).reshape(-1, 1 + len(names))
+    alone = dict(zip(names, good[good[:, 0], 1:].sum(axis=0).tolist(), strict=True))
+    return Others(len(good), int(good[:, 0].sum()), alone)

@@ -28,9 +28,7 @@ def test_what_is_printed_to_be_typed_is_plain_and_is_read_back_exactly():
     ]
     space, theta = KnobSpace(knobs), [0.123456789012345, 20, -4.4, -1 / 3, 1.25e-7]
     said = typed_theta(space, theta)
-    assert said == (
-        "T_s=0.123456789012345, N_p=20, log_Q=-4.4, K_p=-0.3333333333333333, gain[1,2]=1.25e-07"
-    )
+    assert said == ("T_s=0.123456789012345, N_p=20, log_Q=-4.4, K_p=-0.3333333333333333, gain[1,2]=1.25e-07")
     assert theta_of(shlex.split(shlex.join(["--start", said]))[1], space).tolist() == theta
     assert str(symbols_in(f'--start "{said}"')).count("<sub>") == 0
 

@@ -40,7 +40,7 @@ const offer = ({ runs }) => [el("p", {}, current()?.live || current()?.rig ? "No
   : `Try the result on ${runs} plants that are not exactly as modeled. What can be varied follows from the plant, and is said.`),
   el("p", { class: "actions" }, start("Verify it"))];
 
-const going = ({ done, planned }) => [el("p", {}, planned ? `${done} of ${planned} runs: random plants, each change alone, and the tuning before…` : "It begins…"),
+const going = ({ done, planned }) => [el("p", {}, planned ? `${done} of ${planned} runs: random plants, each change alone, the tuning before and, if some fail, others…` : "It begins…"),
   el("progress", { max: planned || 1, value: planned ? done : null, "aria-label": "Runs on varied plants" }),
   el("p", { class: "actions" }, button("Stop and keep these", () => show(() => post("stop_verifying", {}, false))))];
 
