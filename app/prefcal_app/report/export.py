@@ -53,6 +53,7 @@ class BestTuning:
     own: bool  # whether the scenario is a person's own, whose code can do anything
     digest: str  # SHA-256 of the file that it was read from, in hexadecimal digits
     robust: bool  # whether the study looked for a result that holds on other plants
+    source: str  # name that loads the scenario again
 
 
 REBUILD = """\
@@ -306,7 +307,18 @@ def tuning_of(path: str | Path) -> BestTuning:
     kpis = {name: value for name, value in content.get("kpis", {}).items() if is_number(value)}
     own, end = is_own(content["scenario"]), _end(content, path)
     robust = content.get("study", {}).get("robust") == "yes"
-    return BestTuning(scenario, theta, known, str(before.get("what", "")), kpis, end, own, digest, robust)
+    return BestTuning(
+        scenario,
+        theta,
+        known,
+        str(before.get("what", "")),
+        kpis,
+        end,
+        own,
+        digest,
+        robust,
+        content["scenario"],
+    )
 
 
 def _end(content: Mapping[str, Any], path: str | Path) -> End:

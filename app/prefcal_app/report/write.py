@@ -26,6 +26,7 @@ from prefcal_env.experiments.experiment import Channel, End, Experiment
 from prefcal_env.plants.jacobians import U
 from prefcal_env.sources.source import env_of, plant_of
 from prefcal_env.sources.varied import Ranges
+from prefcal_scenarios.described.description import limits_in
 from prefcal_scenarios.isolated import DEFAULT_LIMIT
 from prefcal_scenarios.runs import Progress
 from prefcal_scenarios.scenario import Picture, Scenario
@@ -397,7 +398,10 @@ def _kept(found: Verification, tuning: BestTuning, best: Path, timeout: float | 
         raise StaleError(f"{str(best)!r} changed while its tuning was verified: verify again")
     version, robust = versions()["prefcal"], tuning.robust
     said = Verified.of(found, tuning.scenario, tuning.baseline, version, tuning.digest, robust=robust)
-    said = replace(said, worst=_judged(said.worst, best.parent))
+    limits = {kpi.name: float(f"{limit:.4g}") for kpi, limit, _ in found.usual}
+    how = limits_in(tuning.source, found.kpis, limits) if limits else ""
+    judged, stated = _judged(said.worst, best.parent), f"{said.limits_kept} {how}".strip()
+    said = replace(said, worst=judged, limits_kept=stated)
     said.write(best.parent)
     _keep_loop(best.parent, tuning.scenario, [each.margins for each in (found.tuning, found.before) if each])
     for stale in best.parent.glob("worst_run_*.png"):

@@ -171,6 +171,13 @@ class Verification:
         early = "" if count == self.planned else f" (stopped early, {self.planned} were planned)"
         if len(self.failed) == count:
             return f"0 of {count} runs {self.asked}{early}.{never}"
+        if 2 * len(self.failed) > count:  # a bound near 100 % says nothing
+            least = np.floor(100 * (1 - most_probable(count - len(self.failed), count)))
+            return (
+                f"{count - len(self.failed)} of {count} runs {self.asked}{early}: for plants within these "
+                f"ranges, {100 * (1 - self.share):.0f} % do not, at least {least:.0f} % with "
+                f"{100 * CONFIDENCE:g} % confidence.{never}"
+            )
         # Rounded up to two digits, so that what is below it stays below.
         digits = 1 - int(np.floor(np.log10(100 * self.bound)))
         percent = np.ceil(100 * self.bound * 10.0**digits - 1e-9) / 10.0**digits
@@ -187,28 +194,32 @@ class Verification:
         stated = f"Stated limits: a safe end, the objectives of {', '.join(aims)}, and nothing"
         if not aims:
             stated = "No limit that a run can break is stated. What counts: a safe end, and nothing"
-        usual = [] if aims or not self.runs else list(self._usual())
+        usual = [self._offered(*each) for each in self.usual]
         offers = f" Usual are {'; '.join(usual)}: state them as objectives of the KPIs." if usual else ""
         own = self.tuning.nominal
         nominal = f"The nominal run: {own.words}." if aims or own.problems else "The nominal run does so."
         return f"{stated} infinite that is finite nominally. {nominal}{offers}"
 
-    def _usual(self) -> Iterator[str]:
-        """Yield usual limits of KPIs without any, and how many runs keep each."""
+    @property
+    def usual(self) -> tuple[tuple[KPI, float, str], ...]:
+        """Return KPIs with a limit that is usual, and why; none if a limit is stated."""
+        return () if breakable(self.kpis) or not self.runs else tuple(self._usual())
+
+    def _offered(self, kpi: KPI, limit: float, why: str) -> str:
+        kept = sum(run.kpis.get(kpi.name, np.inf) <= limit for run in self.runs)
+        most = quantity(limit, kpi.unit)
+        return f"{kpi.title} at most {most}{why}, which {kept} of {len(self.runs)} runs keep"
+
+    def _usual(self) -> Iterator[tuple[KPI, float, str]]:
         for kpi in self.kpis:
             value = self.tuning.nominal.kpis.get(kpi.name, np.inf)
             if not np.isfinite(value) or kpi.goal != "lower" or kpi.margin:
                 continue
             title = kpi.title.lower()  # people write their own as they like
             if title.startswith("overshoot") and kpi.unit == "%":
-                limit, why = 10.0, ""
+                yield kpi, 10.0, ""
             elif "settling time" in title:
-                limit, why = kpi.read(2 * value), " (twice the nominal one)"
-            else:
-                continue
-            kept = sum(run.kpis.get(kpi.name, np.inf) <= limit for run in self.runs)
-            most = quantity(limit, kpi.unit)
-            yield f"{kpi.title} at most {most}{why}, which {kept} of {len(self.runs)} runs keep"
+                yield kpi, kpi.read(2 * value), " (twice the nominal one)"
 
     @property
     def margin_verdict(self) -> str:
@@ -435,8 +446,7 @@ class Verified:
         margins, basis = margins_said([each.margins for each in both], found.tuning.time_unit)
         left = bool(baseline and found.runs) and found.before is None
         if found.before and found.before.runs:
-            held = sum(not run.problems for run in found.before.runs)
-            compared = f" Before ({baseline}): {held} of {len(found.before.runs)} of the same plants."
+            compared = _compared(found.runs, found.before.runs, baseline)
         else:
             compared = ""
         alone = f" Stopped before the {baseline} ran on these plants." if left else ""
@@ -498,6 +508,13 @@ class Verified:
             write_durably(path, f"{text}\n".encode())
         except OSError as error:
             raise ScenarioError(f"cannot write {str(path)!r}: {error}. Not kept: {self.statement}") from error
+
+
+def _compared(new: Sequence[VerifiedRun], old: Sequence[VerifiedRun], baseline: str) -> str:
+    """Return on how many plants the baseline holds; if those are fewer, also how the result does there."""
+    held, now = (sum(not run.problems for run in runs[: len(old)]) for runs in (old, new))
+    fewer = f"; after: {now} of these {len(old)}" if len(old) < len(new) else ""
+    return f" Before ({baseline}): {held} of {len(old)} of the same plants{fewer}."
 
 
 def _next(found: Verification, scenario: Scenario, robust: bool) -> tuple[str, ...]:

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import betaincinv
 
 from prefcal_env import Channel, Experiment, Knob, KnobSpace, recorded
 from prefcal_env.errors import KnobError, ScenarioError, SettingsError
@@ -155,6 +156,25 @@ def test_what_alone_makes_every_tuning_fail_calls_for_another_controller():
         "change the controller or relax the limit: this tuning does not hold even nominally, and none of 60 "
         "tunings drawn at random does"
     )
+
+
+def test_where_most_runs_fail_their_share_is_said_and_what_it_is_at_least():
+    found = verify(replace(SPRING, simulated=True), np.array([2.28]), 100, jobs=1)
+    failed = sum(2.28 / each.values["mass"] > 2.1 for each in found.runs)
+    assert failed > 80
+    least = 100 * betaincinv(failed, 101 - failed, 0.05)
+    assert found.statement == (
+        f"{100 - failed} of 100 runs keep the stated limits: for plants within these ranges, {failed} % do "
+        f"not, at least {int(least)} % with 95 % confidence."
+    )
+
+
+def test_what_ran_on_fewer_plants_is_compared_on_those():
+    found = verify(SPRING, np.array([2.0]), 50, start=THETA / 2, jobs=1)
+    before = replace(found.before, runs=found.before.runs[:30])
+    held = sum(not each.problems for each in found.runs[:30])
+    said = Verified.of(replace(found, before=before), SPRING, "current tuning", "1.0", "").statement
+    assert said.endswith(f" Before (current tuning): 30 of 30 of the same plants; after: {held} of these 30.")
 
 
 def test_titles_of_ones_own_begin_with_capitals_and_get_the_same_offers():
