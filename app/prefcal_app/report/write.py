@@ -172,14 +172,17 @@ def answers(record: StudyRecord) -> Answers:
     partial = "; the study is not complete" if record.partial else ""
     digest = f" SHA-256 of the study file: {record.digest}." if record.digest else ""
     promise, told = ("", ()) if record.outlook is None else (record.outlook.promise, record.outlook.result)
+    only = "only where candidates are simulated, at the end of a study"
     found = {
         "Who answered": f"{len(record.trials)} experiments, {record.questions} comparisons by "
         f"{by}{each}{partial}.{digest}",
         "On which model": model(record),
-        "Enough answers": promise
-        or "Not stated: only where candidates are simulated, at the end of a study.",
-        "Why this one": " ".join(told)
+        "Enough answers?": f"{promise} {record.trust}".strip()
+        if promise
+        else f"Not stated: {'the study was left before its end' if record.partial else only}.",
+        "Why this one": " ".join(each for each in told if each not in record.robust)
         or "It is the best by the answers, each of which is in comparisons.csv.",
+        "Robust study": " ".join(record.robust),
         "The PID": pid_text(record),
         "On the plant": kept_text(record.kept),
         "The way back": _back(record),

@@ -25,7 +25,7 @@ FILES = ("report.html", "acceptance.html", "best.json")
 def answers(folder=Path("out")):
     """What the sheet answers about the result: whether there were enough answers, and why this one."""
     text = html.unescape(re.sub(r"<[^>]+>", " ", (folder / "acceptance.html").read_text(encoding="utf-8")))
-    enough, why = re.search(r"Enough answers(.*?)Why this one(.*?)The way back", text, re.DOTALL).groups()
+    enough, why = re.search(r"Enough answers\?(.*?)Why this one(.*?)The way back", text, re.DOTALL).groups()
     return " ".join(enough.split()), " ".join(why.split())
 
 
