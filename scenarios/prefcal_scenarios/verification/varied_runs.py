@@ -175,22 +175,17 @@ def verify(
     limit = timeout if timeout is not None or jobs == 1 else DEFAULT_LIMIT  # a varied plant may never end
     results = zip(cases, _done(varied, jobs, limit, progress, clock), strict=False)
     made = [_run(found, tunings[case.which].nominal, case, result) for case, result in results]
-    alone = runs + 2 * len(factors)
-    tuning, *before = (
-        replace(each, runs=tuple(part))
-        for each, part in zip(tunings, (made[:runs], made[alone:]), strict=False)
-    )
+    parts = made[:runs], made[runs + 2 * len(factors) :]
+    tuning, *before = (replace(t, runs=tuple(p)) for t, p in zip(tunings, parts, strict=False))
     left_out = (*known.left_out, *fixed, *unfair, *UNMODELED)
     kept = before[0] if before and before[0].runs else None
-    verified = Verification(
-        found.name, found.kpis, factors, left_out, runs, tuning, kept, tuple(made[runs:alone])
-    )
+    alone = tuple(made[runs : runs + 2 * len(factors)])
+    verified = Verification(found.name, found.kpis, factors, left_out, runs, tuning, kept, alone)
     if not (verified.failed and found.simulated and len(made) == len(cases)):
         return verified
-    thetas, cases = _rivals(verified, found.space, seed)
-    results = _done(Variations(known.at, thetas, cases), jobs, limit, progress, clock)
-    rivals = [_run(found, tuning.nominal, *pair) for pair in zip(cases, results, strict=False)]
-    return replace(verified, others=_counted(verified, rivals) if len(rivals) == len(cases) else None)
+    thetas, rivals = _rivals(verified, found.space, seed)
+    done = _done(Variations(known.at, thetas, rivals), jobs, limit, progress, clock)
+    return replace(verified, others=_counted(found, verified, rivals, done))
 
 
 def _within(known: tuple[Factor, ...], ranges: Ranges) -> tuple[tuple[Factor, ...], list[LeftOut]]:
@@ -404,9 +399,14 @@ def _rivals(verified: Verification, space: KnobSpace, seed: int) -> tuple[list[T
     return thetas, tuple(_Case(k, dict(values), seed) for k in range(len(thetas)) for values in changes)
 
 
-def _counted(verified: Verification, made: Sequence[VerifiedRun]) -> Others:
-    """Return how the tunings of `_rivals` fare in their runs."""
-    names = [each.factor.name for each in verified.breaking]
-    good = np.array([not run.problems for run in made], dtype=bool).reshape(-1, 1 + len(names))
+def _counted(
+    scenario: Scenario, verified: Verification, cases: Sequence[_Case], results: Sequence[HasKPIs]
+) -> Others | None:
+    """Return how the tunings of `_rivals` fare in their runs; None if Ctrl-C ended those early."""
+    if len(results) < len(cases):
+        return None
+    pairs, names = zip(cases, results, strict=True), [each.factor.name for each in verified.breaking]
+    kept = [not _run(scenario, verified.tuning.nominal, case, result).problems for case, result in pairs]
+    good = np.array(kept, dtype=bool).reshape(-1, 1 + len(names))
     alone = dict(zip(names, good[good[:, 0], 1:].sum(axis=0).tolist(), strict=True))
     return Others(len(good), int(good[:, 0].sum()), alone)
