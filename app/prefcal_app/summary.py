@@ -22,7 +22,16 @@ from prefcal_env.study.file import data_folder
 from prefcal_scenarios.names import is_built_in
 from prefcal_scenarios.runs import grouped
 from prefcal_scenarios.scenario import KPI
-from prefcal_scenarios.wording import comparable, limits_text, meaning, measured_texts, read_text, with_unit
+from prefcal_scenarios.wording import (
+    comparable,
+    limits_text,
+    meaning,
+    measured_texts,
+    read_text,
+    typed_name,
+    typed_number,
+    with_unit,
+)
 
 # --- Compare two experiments KPI by KPI, what tells them apart first, for page and terminal.
 
@@ -395,7 +404,11 @@ def outlook(
             returns whether going further is expected to help.
     """
     why = _missed(missed)
-    ends = [(knob, up) for knob, up in at_end(space, best) if helps(space.knobs.index(knob), up)]
+    ends = [
+        (knob, up)
+        for knob, up in at_end(space, best)
+        if not _is_last(knob, space, upper=up) and helps(space.knobs.index(knob), up)
+    ]
     if not ends:
         return Outlook(promise, missed=why)
     several = len(ends) > 1
@@ -467,8 +480,16 @@ def _command(ends: list[tuple[Knob, bool]], space: KnobSpace, place: str, scenar
     for knob, upper in ends:
         low, high = space.within[space.knobs.index(knob)]
         low, high = (low, _beyond(knob, low, high)) if upper else (_beyond(knob, high, low), high)
-        words += ["--knob", f"{knob.name.replace(' ', '_')}={low:g}:{high:g}"]
+        words += ["--knob", f"{typed_name(knob, space)}={typed_number(low)}:{typed_number(high)}"]
     return shlex.join(words)
+
+
+def _is_last(knob: Knob, space: KnobSpace, *, upper: bool) -> bool:
+    """Return whether nothing is beyond an end: at 0, at 1 of a share, and at 1 of a whole number."""
+    low, high = space.within[space.knobs.index(knob)]
+    other, end = (low, high) if upper else (high, low)
+    is_share = knob.scale == "linear" and knob.low >= 0 and knob.unit in ("", "-") and not knob.integer
+    return end == 0 or (upper and end == 1 and is_share) or _beyond(knob, other, end) == end
 
 
 def _beyond(knob: Knob, other: float, end: float) -> float:

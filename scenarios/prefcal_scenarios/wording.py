@@ -20,7 +20,7 @@ from .scenario import KPI
 # --- Format numbers and names for terminals, HTML and plots.
 
 _SUBSCRIPTED = re.compile(r"([^\W_]+)_(\w+)")
-_SYMBOL = re.compile(r"(?<![\w./:-])([A-Za-z])_(\w{1,2})(?!\w|[./:]\w)")
+_SYMBOL = re.compile(r"(?<![\w./:-])([A-Za-z])_(\w{1,2})(?!\w|=|[./:]\w)")
 
 MISSING = "–"
 """Text of a value that is not known."""
@@ -194,6 +194,28 @@ def theta_text(space: KnobSpace, theta: object) -> str:
     """Return θ on one line: name, value and unit of each knob."""
     values = space.named(theta)  # type: ignore[arg-type]
     return " · ".join(f"{k.name} {with_unit(knob_number(k, values[k.name]), k.unit)}" for k in space)
+
+
+def typed_number(value: float) -> str:
+    """Return a number as commands take it: in plain ASCII, with all its digits."""
+    return repr(int(value) if float(value).is_integer() and abs(value) < 1e15 else float(value))
+
+
+def typed_name(knob: Knob, space: KnobSpace) -> str:
+    """Return the name of a knob as commands take it: with _ for spaces, up to its first letter beyond ASCII.
+
+    If that part is not only its own, it is the whole name.
+    """
+    names = [name.replace(" ", "_") for name in space.names]
+    name = knob.name.replace(" ", "_")
+    short = name[: next((i for i, letter in enumerate(name) if not letter.isascii()), None)].rstrip("_")
+    return short if short and sum(each.startswith(short) for each in names) == 1 else name
+
+
+def typed_theta(space: KnobSpace, theta: Sequence[float]) -> str:
+    """Return θ, physical, as --start takes it: exactly, in plain ASCII where names allow that."""
+    pairs = zip(space, theta, strict=True)
+    return ", ".join(f"{typed_name(knob, space)}={typed_number(value)}" for knob, value in pairs)
 
 
 def mathtext(name: str) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from prefcal_app import figure
-from prefcal_app.report.pictures import PICTURES, Drawn, Picture, course, knobs
+from prefcal_app.report.pictures import PICTURES, Drawn, Picture, course, draw, knobs
 from prefcal_app.report.record import comparisons_as_csv
 from prefcal_app.report.write import page as page_of
 from prefcal_app.report.write import write_report
@@ -298,3 +298,12 @@ def test_the_headings_of_a_notebooks_figure_keep_to_their_columns():
     # The left one's own columns end where the right one's begin.
     assert left.x1 < drawn.axes[1].get_window_extent().x0
     assert right.x1 < drawn.get_window_extent().x1
+
+
+@pytest.mark.parametrize(("name", "shaded"), [("level <h>", True), ("valve", False)])
+def test_a_shaded_band_is_named_where_one_is_drawn(name, shaded):
+    record = toy_record()
+    drawn = draw(replace(record, scenario=replace(record.scenario, panels=(Panel(name),))))
+    (caption,) = (each.caption for each in drawn if each.picture.file == "best_trajectory.png")
+    assert ("Shaded: the accepted band around a target." in caption) == shaded
+    assert caption.endswith("Dashed: limits. A dot ends a run, a cross an interrupted one.")

@@ -139,7 +139,13 @@ def test_every_answer_is_recorded_with_what_happened(interview):
         assert old == (None if rival is None else outcome(TOY, interview.past.experiment(rival)))
 
 
-@pytest.mark.parametrize(("right", "doubt"), [(31, ""), (23, ": not clearly better than chance")])
+DOUBT = (
+    ", which is not clearly better than chance: what is said of other θ counts as far as your answers follow "
+    "from the KPIs"
+)
+
+
+@pytest.mark.parametrize(("right", "doubt"), [(31, ""), (23, DOUBT)])
 def test_how_far_a_sum_of_kpis_can_be_trusted_is_said(right, doubt):
     index = LearnedCost({"t_f": CostTerm(1.0, 0.0, 1.0)}, right, 44)
     assert trust_text(index) == (

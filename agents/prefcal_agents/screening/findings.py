@@ -126,6 +126,7 @@ class Findings:
         trend: How expected worth grows along each knob near the best; None before an answer that
             teaches, and among given candidates, whose order means nothing.
         certificate: What can be said of the best so far; None while nothing can.
+        kept: In a robust study, how many perturbed runs the best so far keeps before it loses one.
         stakes: Chance that the answer to the open question changes the best; None without one.
         influences: What the result would be if each answer were the other way round.
         best: Sample that is the result; None before any answer.
@@ -146,6 +147,7 @@ class Findings:
     chance_of_better: float | None = None
     trend: tuple[float, ...] | None = None
     certificate: Certificate | None = None
+    kept: int | None = None
     stakes: float | None = None
     influences: tuple[Influence, ...] = ()
     best: int | None = None
@@ -233,7 +235,10 @@ def _explain_query(agent: Screening, empty: Findings) -> Findings:
     along = None
     if agent.simulations.candidates is None:
         along = tuple(trend(stage.bank.z, stage.costs, best).tolist())
-    return replace(found, chance_of_better=float(likely.max()), trend=along)
+    kept = None
+    if agent.simulations.holds is not None:
+        kept = int(agent.simulations.runs_kept(stage.bank.thetas[[best]])[0])
+    return replace(found, chance_of_better=float(likely.max()), trend=along, kept=kept)
 
 
 def _reason(agent: Screening, stage: Stage) -> Reason | None:

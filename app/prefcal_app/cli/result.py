@@ -14,6 +14,7 @@ from prefcal_agents.registry import agent_class
 from prefcal_app.report.record import StudyRecord, gain_of, result_table
 from prefcal_app.session import Interview
 from prefcal_app.session.study import trust_text
+from prefcal_app.simulating import robust_study
 from prefcal_app.summary import kept_on_plant, kept_text, list_shown
 from prefcal_app.terminal.showing import say
 from prefcal_app.view.end import baseline_of
@@ -64,6 +65,7 @@ def record_of(interview: Interview, options: Options, references: Mapping[str, E
         fingerprint=then if then == today else f"{then}; its files have changed since, now {today}",
         by=options.by or "",
         kept=kept_on_plant(state),
+        robust=robust_study(interview.known.findings, interview.scenario) if options.robust else (),
         digest=interview.file.digest if options.by_a_person and interview.file.path != IN_MEMORY else "",
     )
 

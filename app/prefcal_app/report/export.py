@@ -56,6 +56,8 @@ class BestTuning:
     seed: int  # seed of its experiment, and so of the noise in it
     own: bool  # whether the scenario is a person's own, whose code can do anything
     digest: str  # SHA-256 of the file that it was read from, in hexadecimal digits
+    robust: bool  # whether the study looked for a result that holds on other plants
+    source: str  # name that loads the scenario again
 
 
 REBUILD = """\
@@ -298,8 +300,20 @@ def tuning_of(path: str | Path) -> BestTuning:
     known = None if start is None else _values(scenario, start, path)
     kpis = {name: value for name, value in content.get("kpis", {}).items() if is_number(value)}
     own, end = is_own(content["scenario"]), _end(content, path)
-    baseline, seed = str(before.get("what", "")), _seed(content)
-    return BestTuning(scenario, theta, known, baseline, kpis, end, seed, own, digest)
+    robust = content.get("study", {}).get("robust") == "yes"
+    return BestTuning(
+        scenario,
+        theta,
+        known,
+        str(before.get("what", "")),
+        kpis,
+        end,
+        _seed(content),
+        own,
+        digest,
+        robust,
+        content["scenario"],
+    )
 
 
 def _seed(content: Mapping[str, Any]) -> int:
@@ -369,7 +383,7 @@ def jsonable(value: Any) -> Any:
     return value if isinstance(value, (bool, int, float, str, type(None))) else str(value)
 
 
-_KINDS = {"scenario": str, **dict.fromkeys(("units", "ranges", "kpis", "before", "origin"), dict)}
+_KINDS = {"scenario": str, **dict.fromkeys(("units", "ranges", "kpis", "before", "origin", "study"), dict)}
 """Type of what is read of a best.json, where it is there."""
 
 

@@ -601,6 +601,18 @@ def _best_alt(record: StudyRecord) -> str:
     )
 
 
+def _best_caption(record: StudyRecord) -> str:
+    """Return what the lines mean, and the shaded bands if there are any."""
+    runs = [run for c in curves_of(record) for run in c.experiment.runs or (c.experiment,)]
+    channels = [plot.channel for plot in panels_of(record.scenario, *runs)]
+    shaded = any(c.target is not None and c.band is not None for c in channels)
+    band = "Shaded: the accepted band around a target. " if shaded else ""
+    return (
+        f"The best run beside what it is compared with. {band}Dashed: limits. A dot ends a run, a cross an "
+        "interrupted one."
+    )
+
+
 def _course_alt(record: StudyRecord) -> str:
     kpis, sides = [], (record.before, record.result)
     for kpi in drawn_kpis(record):
@@ -634,8 +646,7 @@ PICTURES: tuple[Picture, ...] = (
     Picture(
         "best_trajectory.png",
         "Best trajectory",
-        "The best run beside what it is compared with. Shaded: the accepted band around a target. "
-        "Dashed: limits. A dot ends a run, a cross an interrupted one.",
+        _best_caption,
         _best_alt,
         lambda record: best_against(record) or b"",
         lambda record: bool(record.scenario.panels) and bool(curves_of(record)),

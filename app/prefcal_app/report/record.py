@@ -257,6 +257,7 @@ class StudyRecord:
         digest: SHA-256 of the study file, in hexadecimal digits; empty if there is none.
         by: Name of the person who answered; empty if it was not given.
         kept: What was confirmed on the plant, as `kept_on_plant` returns it; empty if nothing was.
+        robust: How the result of a robust study holds, a sentence each; empty for other studies.
     """
 
     scenario: Scenario
@@ -283,6 +284,7 @@ class StudyRecord:
     digest: str = ""
     by: str = ""
     kept: Mapping[str, Any] = field(default_factory=dict)
+    robust: tuple[str, ...] = ()
 
     @cached_property
     def trials(self) -> tuple[Trial, ...]:

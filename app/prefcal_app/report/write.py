@@ -27,6 +27,7 @@ from prefcal_env.experiments.experiment import Channel, End, Experiment
 from prefcal_env.plants.jacobians import U
 from prefcal_env.sources.source import env_of, plant_of
 from prefcal_env.sources.varied import Ranges
+from prefcal_scenarios.described.description import limits_in
 from prefcal_scenarios.isolated import DEFAULT_LIMIT
 from prefcal_scenarios.runs import Progress
 from prefcal_scenarios.scenario import Picture, Scenario
@@ -167,14 +168,17 @@ def answers(record: StudyRecord) -> Answers:
     partial = "; the study is not complete" if record.partial else ""
     digest = f" SHA-256 of the study file: {record.digest}." if record.digest else ""
     promise, told = ("", ()) if record.outlook is None else (record.outlook.promise, record.outlook.result)
+    only = "only where candidates are simulated, at the end of a study"
     found = {
         "Who answered": f"{counted(len(record.trials), 'experiment')}, "
         f"{counted(record.questions, 'comparison')} by {by}{each}{partial}.{digest}",
         "On which model": model(record),
-        "Enough answers": promise
-        or "Not stated: only where candidates are simulated, at the end of a study.",
-        "Why this one": " ".join(told)
+        "Enough answers?": f"{promise} {record.trust}".strip()
+        if promise
+        else f"Not stated: {'the study was left before its end' if record.partial else only}.",
+        "Why this one": " ".join(each for each in told if each not in record.robust)
         or "It is the best by the answers, each of which is in comparisons.csv.",
+        "Robust study": " ".join(record.robust),
         "The PID": pid_text(record),
         "On the plant": kept_text(record.kept),
         "The way back": _back(record),
@@ -391,8 +395,12 @@ def _kept(found: Verification, tuning: BestTuning, best: Path, timeout: float | 
         raise ScenarioError("stopped before a random run was completed, so nothing is written")
     if not best.is_file() or digest_of(best) != tuning.digest:
         raise StaleError(f"{str(best)!r} changed while its tuning was verified: verify again")
-    said = Verified.of(found, tuning.scenario, tuning.baseline, versions()["prefcal"], tuning.digest)
-    said = replace(said, worst=_judged(said.worst, best.parent))
+    version, robust = versions()["prefcal"], tuning.robust
+    said = Verified.of(found, tuning.scenario, tuning.baseline, version, tuning.digest, robust=robust)
+    limits = {kpi.name: float(f"{limit:.4g}") for kpi, limit, _ in found.usual}
+    how = limits_in(tuning.source, found.kpis, limits) if limits else ""
+    judged, stated = _judged(said.worst, best.parent), f"{said.limits_kept} {how}".strip()
+    said = replace(said, worst=judged, limits_kept=stated)
     said.write(best.parent)
     _keep_loop(best.parent, tuning.scenario, [each.margins for each in (found.tuning, found.before) if each])
     for stale in best.parent.glob("worst_run_*.png"):

@@ -137,12 +137,13 @@ class Known:
         best, promise = self._best(), self._promise
         if promise is None or best is None:
             return None
-        state, place, by_value = self._driver.state, self._driver.file.path, self._driver.agent.by_value
+        driver = self._driver
+        state, place, by_value = driver.state, driver.file.path, driver.agent.by_value
         space = self._scenario().space
         found = outlook(promise, best.theta, space, place, state, missed=self.missed, helps=self._helps)
         said = self.findings
         if said is not None and state.ended:
-            found = replace(found, result=told(said, self._scenario()))
+            found = replace(found, result=told(said, self._scenario(), self._experiment))
         if not by_value:
             found = replace(found, unbeaten=others_unbeaten(state.history, robust=is_robust(state)))
         return found if found.sentences else None
@@ -162,6 +163,10 @@ class Known:
         with driver.changed:
             best = driver.study.best
             return None if best is None else driver.store.experiment(best)
+
+    def _experiment(self, index: int) -> Experiment:
+        with self._driver.changed:
+            return self._driver.store.experiment(index)
 
     @property
     def missed(self) -> list[str]:

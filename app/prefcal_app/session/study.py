@@ -853,8 +853,11 @@ def index_of(history: History, seed: int) -> LearnedCost | None:
 def trust_text(index: LearnedCost) -> str:
     """Return how reliable a learned sum of KPIs is."""
     right = f"{index.predicted} of {index.answers} answers that it had not learned from"
-    doubt = "" if index.explains else ": not clearly better than chance"
-    return f"A weighted sum of the KPIs predicted {right}{doubt}."
+    doubt = (
+        ", which is not clearly better than chance: what is said of other θ counts as far as your answers "
+        "follow from the KPIs"
+    )
+    return f"A weighted sum of the KPIs predicted {right}{'' if index.explains else doubt}."
 
 
 def _known(comparison: Comparison, store: ExperimentStore) -> Comparison:

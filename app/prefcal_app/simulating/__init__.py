@@ -21,7 +21,9 @@ from .why import menu_names as menu_names
 from .why import named_titles as named_titles
 from .why import offer as offer
 from .why import promise as promise
+from .why import rival as rival
 from .why import robust as robust
+from .why import robust_study as robust_study
 from .why import told as told
 from .why import wanted as wanted
 from .why import why as why

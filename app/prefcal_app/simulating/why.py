@@ -8,15 +8,18 @@ from prefcal_agents.result import Influence, SmallerChange
 from prefcal_agents.screening.agent import MOST, Certificate
 from prefcal_agents.screening.bank import ENOUGH
 from prefcal_agents.screening.findings import Alternative, Findings, Reason, RobustResult
+from prefcal_app.summary import Spread, compare
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.sources.varied import BEYOND
 from prefcal_scenarios.scenario import Scenario
 from prefcal_scenarios.verification.result import breakable
+from prefcal_scenarios.wording import with_unit
 
 # --- Say in one sentence why an experiment is shown, what the answer can change, and what was wanted.
 
 _MOST = 2  # number of KPIs named on either side of the sentence, those that matter most
+_NAMED = 3  # number of KPIs named of what could have been the result
 _LEAST = 0.01  # share of a KPI from which on it is a price
 _HARDLY = 0.05
 """Chance of another result below which it is stated: larger ones are too high (docs/research/result.md)."""
@@ -141,6 +144,23 @@ def carried_by(influence: Influence | None) -> str:
     )
 
 
+def rival(found: Findings, scenario: Scenario, run: Callable[[int], Experiment]) -> str:
+    """Return the KPIs of what another answer would make the best, that differ most, as a sentence.
+
+    It is empty if no answer would, or they read the same. `run` returns an experiment by its index.
+    """
+    other = found.decisive
+    if other is None or found.best is None:
+        return ""
+    rows = compare(run(found.best), run(other.reversed), scenario.shown_kpis, Spread())
+    pairs = [
+        f"{row['title']} {with_unit(row['right']['text'], row['unit'])} (result: {row['left']['text']})"
+        for row in rows
+        if row["size"]
+    ]
+    return f"Experiment {other.reversed + 1} has {_listed(pairs[:_NAMED])}." if pairs else ""
+
+
 def kept(smaller: SmallerChange | None, scenario: Scenario) -> str:
     """Return which knobs can stay as they were, as one sentence; empty if none can."""
     if smaller is None:
@@ -237,10 +257,19 @@ def wanted(wishes: Mapping[str, float], scenario: Scenario) -> str:
     return f"The answers fit these wishes: {words}." if words else ""
 
 
-def told(found: Findings, scenario: Scenario) -> tuple[str, ...]:
+def robust_study(found: Findings | None, scenario: Scenario) -> tuple[str, ...]:
+    """Return how the best of a robust study holds, a sentence each, also if that was left before its end."""
+    if found is not None and found.over and found.robustness is not None:
+        return tuple(robust(found.robustness, scenario))
+    if found is None or found.kept is None:
+        return (f"How many of {ENOUGH} perturbed runs the result keeps was not worked out.",)
+    return _held(found.kept, "The result", scenario), _perturbed(scenario)
+
+
+def told(found: Findings, scenario: Scenario, run: Callable[[int], Experiment]) -> tuple[str, ...]:
     """Return how the result holds, what was wanted, what it rests on, and what need not change.
 
-    Empty while not known.
+    Empty while not known. `run` returns an experiment by its index.
     """
     if not found.concluded:
         return ()
@@ -249,6 +278,7 @@ def told(found: Findings, scenario: Scenario) -> tuple[str, ...]:
         said += (
             wanted(dict(found.wishes), scenario),
             carried_by(found.decisive),
+            rival(found, scenario, run),
             kept(found.smaller, scenario),
         )
     return tuple(filter(None, said))
@@ -302,4 +332,7 @@ def _as_good_as(said: Certificate) -> str:
         f"{float(f'{n:.2g}'):,.0f}" if n < MOST else f"more than {MOST:,}" for n in said.experiments
     )
     about = middle if middle.startswith("more") else f"about {middle}"
-    return f" The best so far is as good as the best of {about} random experiments (90 %: {low} to {high})."
+    return (
+        " That bound is for each kind of person; for people of all kinds together, the best so far is as "
+        f"good as the best of {about} random experiments (90 %: {low} to {high})."
+    )

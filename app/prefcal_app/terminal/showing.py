@@ -19,6 +19,7 @@ from prefcal_app.view.question import scenario_view
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.wording import did_you_mean
+from prefcal_scenarios.described.description import COMMA
 from prefcal_scenarios.scenario import Scenario
 from prefcal_scenarios.wording import INTERRUPTED, counted, labeled, printable, printable_lines, with_unit
 
@@ -68,7 +69,7 @@ def theta_of(text: str, space: KnobSpace, base: tuple[float, ...] | None = None)
         KnobError: If a value is outside its knob's range.
     """
     given: dict[str, float] = {}
-    for part in text.split(","):
+    for part in COMMA.split(text):
         word, sign, value = (piece.strip() for piece in part.rpartition("="))
         if not sign:
             raise SettingsError(f"expected KNOB=VALUE, got {part.strip()!r} in {text!r}")

@@ -24,6 +24,7 @@ from prefcal_app.simulating import (
     menu_names,
     named_titles,
     offer,
+    rival,
     robust,
     wanted,
     why,
@@ -327,7 +328,12 @@ def reasons(interview: Interview) -> list[str]:
     outlook, found = interview.known.outlook, interview.known.findings
     said = [] if outlook is None else [outlook.unbeaten]
     if found is not None and found.concluded and found.explained:
-        said += [wanted(dict(found.wishes), interview.scenario), carried_by(found.decisive)]
+        scenario, run = interview.scenario, interview.past.experiment
+        said += [
+            wanted(dict(found.wishes), scenario),
+            carried_by(found.decisive),
+            rival(found, scenario, run),
+        ]
     # If an answer speaks against the result, `unbeaten` says so.
     return [*filter(None, said)] or ["No experiment that was compared is better by what was answered."]
 

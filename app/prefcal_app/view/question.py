@@ -27,6 +27,7 @@ from prefcal_scenarios.wording import (
     measured,
     number,
     quantity,
+    typed_name,
 )
 
 # --- Tables as plain data, which the page, the terminal and the report draw as they are.
@@ -727,7 +728,8 @@ def _current_tuning(interview: Interview) -> str:
     """Return how to compare with the tuning in use; empty if the study starts from a given one."""
     if interview.file.state.configuration["options"].get("start"):
         return ""
-    values = ", ".join(f"{knob.name.replace(' ', '_')}=…" for knob in interview.scenario.space)
+    space = interview.scenario.space
+    values = ", ".join(f"{typed_name(knob, space)}=…" for knob in space)
     return (
         "Is a tuning in use now? Start the command again with a new study and "
         f'--start "{values}": then the result is compared with it, and not with a first '

@@ -1,9 +1,11 @@
 """A scenario as plain data: in a TOML file, as options of the command line, or both."""
 
+import json
 import re
 import shlex
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from math import isfinite
 from pathlib import Path
 from typing import Any, Literal
@@ -15,15 +17,17 @@ from prefcal_env.knobs import Knob, KnobScale
 from prefcal_env.optional import WORLDS, World
 from prefcal_env.plain import Keys, entries
 from prefcal_env.wording import did_you_mean
-from prefcal_scenarios.names import CONTROLLERS, either, is_described
+from prefcal_scenarios.names import CONTROLLERS, either, is_built_in, is_described
 from prefcal_scenarios.own import joined_source, split_source
+from prefcal_scenarios.scenario import KPI
 
 # --- Read the short texts that describe a knob or a reference, in a file or on the command line.
 
 KNOB_EXAMPLE = '"K_p=0.1:100:log %/m"'
 """A knob as typed on the command line, for help and messages."""
 _RANGE = re.compile(r"([^\s\[]+)\s*(?:\[([^\]]*)\]|(.*))", re.DOTALL)
-_COMMA = re.compile(r",(?![^\[]*\])")  # A comma, but not the one in the name of an array's element, A[1,2]
+COMMA = re.compile(r",(?![^\[]*\])")
+"""A comma between entries, and not the one in the name of an array's element, A[1,2]."""
 
 
 def knob_of(text: str) -> Knob:
@@ -78,7 +82,7 @@ def _wrong(name: str, text: str) -> str:
 
 def listed(texts: Iterable[str]) -> list[str]:
     """Return the names in texts such as "level,valve", in order."""
-    names = [name.strip() for text in texts for name in _COMMA.split(text)]
+    names = [name.strip() for text in texts for name in COMMA.split(text)]
     return [name for name in names if name]
 
 
@@ -258,6 +262,33 @@ def words_of(source: str) -> list[str]:
         if key in config:
             words += [FLAGS[key], str(config[key])]
     return words
+
+
+def limits_in(source: str, kpis: Sequence[KPI], limits: Mapping[str, float]) -> str:
+    """Return how to state largest values of KPIs, by name, in a sentence; "" if a scenario is built in.
+
+    All KPIs are named: those that a file does not name are not computed.
+    """
+    name, config = split_source(source)
+    if is_built_in(source):
+        return ""
+    if not is_described(source):
+        made = (replace(k, at_most=limits[k.name]) for k in kpis if k.name in limits)
+        lines = (f"KPI({k.name!r}, {k.title!r}, {k.unit!r}, at_most={k.at_most!r})" for k in made)
+        return f"For that, its file states {' and '.join(lines)}."
+    table = {k.name: {"at_most": limits[k.name]} if k.name in limits else {} for k in kpis}
+    if name.endswith(".toml"):
+        return f"For that, above the first table of {name}, in place of [kpis]: kpis = {_as_toml(table)}"
+    key = next((world.key for world in WORLDS if world.ending == Path(name).suffix != ""), "controller")
+    keys = {key: name, **(config or {}), "kpis": table}
+    lines = (f"{key} = {_as_toml(value)}" for key, value in keys.items())
+    return f"For that, calibrate a TOML file of these lines: {'; '.join(lines)}"
+
+
+def _as_toml(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{_as_toml(name)} = {_as_toml(each)}" for name, each in value.items()) + "}"
+    return json.dumps(value, ensure_ascii=False)
 
 
 def words_to_resume(source: str) -> list[str]:

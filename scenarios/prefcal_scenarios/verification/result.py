@@ -1,6 +1,7 @@
 """What came of a verification: frozen data, what follows from it, and what is kept of it."""
 
 import json
+import shlex
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -28,6 +29,7 @@ from prefcal_scenarios.wording import (
     objective,
     quantity,
     read_text,
+    typed_theta,
     value_text,
     with_unit,
 )
@@ -126,6 +128,16 @@ class Effect:
     worsening: float
 
 
+@dataclass(frozen=True, slots=True)
+class Others:
+    """How other tunings fare, drawn at random from the ranges of the knobs."""
+
+    count: int  # number of tunings
+    nominal: int  # number of those that do nominally what is asked
+    # number of those that still do with the factor that alone makes the tuning fail, by its name
+    alone: Mapping[str, int]
+
+
 @dataclass(frozen=True)
 class Verification:
     """A tuning on plants that are not exactly as modeled.
@@ -139,6 +151,7 @@ class Verification:
         tuning: How the tuning fares.
         before: How the current tuning does on the same plants; None if it is not known.
         alone: Runs of the tuning with the lowest and the highest value of each factor, in pairs.
+        others: How other tunings fare; None if that is not known: all runs are good, or it takes long.
     """
 
     scenario: str
@@ -149,6 +162,7 @@ class Verification:
     tuning: Robustness
     before: Robustness | None
     alone: tuple[VerifiedRun, ...]
+    others: Others | None = None
 
     @property
     def runs(self) -> tuple[VerifiedRun, ...]:
@@ -191,6 +205,13 @@ class Verification:
         early = "" if count == self.planned else f" (stopped early, {self.planned} were planned)"
         if len(self.failed) == count:
             return f"0 of {count} runs {self.asked}{early}.{never}"
+        if 2 * len(self.failed) > count:  # a bound near 100 % says nothing
+            least = np.floor(100 * (1 - most_probable(count - len(self.failed), count)))
+            return (
+                f"{count - len(self.failed)} of {count} runs {self.asked}{early}: for plants within these "
+                f"ranges, {100 * (1 - self.share):.0f} % do not, at least {least:.0f} % with "
+                f"{100 * CONFIDENCE:g} % confidence.{never}"
+            )
         # Rounded up to two digits, so that what is below it stays below.
         digits = 1 - int(np.floor(np.log10(100 * self.bound)))
         percent = np.ceil(100 * self.bound * 10.0**digits - 1e-9) / 10.0**digits
@@ -207,28 +228,32 @@ class Verification:
         stated = f"Stated limits: a safe end, the objectives of {', '.join(aims)}, and nothing"
         if not aims:
             stated = "No limit that a run can break is stated. What counts: a safe end, and nothing"
-        usual = [] if aims or not self.runs else list(self._usual())
+        usual = [self._offered(*each) for each in self.usual]
         offers = f" Usual are {'; '.join(usual)}: state them as objectives of the KPIs." if usual else ""
         own = self.tuning.nominal
         nominal = f"The nominal run: {own.words}." if own.problems else "The nominal run holds."
         return f"{stated} infinite that is finite nominally. {nominal}{offers}"
 
-    def _usual(self) -> Iterator[str]:
-        """Yield usual limits of KPIs without any, and how many runs keep each."""
+    @property
+    def usual(self) -> tuple[tuple[KPI, float, str], ...]:
+        """Return KPIs with a limit that is usual, and why; none if a limit is stated."""
+        return () if breakable(self.kpis) or not self.runs else tuple(self._usual())
+
+    def _offered(self, kpi: KPI, limit: float, why: str) -> str:
+        kept = sum(run.kpis.get(kpi.name, np.inf) <= limit for run in self.runs)
+        most = quantity(limit, kpi.unit)
+        return f"{kpi.title} at most {most}{why}, which {kept} of {len(self.runs)} runs keep"
+
+    def _usual(self) -> Iterator[tuple[KPI, float, str]]:
         for kpi in self.kpis:
             value = self.tuning.nominal.kpis.get(kpi.name, np.inf)
             if not np.isfinite(value) or kpi.goal != "lower" or kpi.margin:
                 continue
             title = kpi.title.lower()  # people write their own as they like
             if title.startswith("overshoot") and kpi.unit == "%":
-                limit, why = 10.0, ""
+                yield kpi, 10.0, ""
             elif "settling time" in title:
-                limit, why = kpi.read(2 * value), " (twice the nominal one)"
-            else:
-                continue
-            kept = sum(run.kpis.get(kpi.name, np.inf) <= limit for run in self.runs)
-            most = quantity(limit, kpi.unit)
-            yield f"{kpi.title} at most {most}{why}, which {kept} of {len(self.runs)} runs keep"
+                yield kpi, kpi.read(2 * value), " (twice the nominal one)"
 
     @property
     def margin_verdict(self) -> str:
@@ -290,6 +315,11 @@ class Verification:
         both = [[self._effect(factor, run) for run in runs] for factor, *runs in pairs]
         worse = [max(pair, key=lambda effect: effect.worsening) for pair in both]
         return tuple(sorted(worse, key=lambda effect: -effect.worsening))
+
+    @property
+    def breaking(self) -> tuple[Effect, ...]:
+        """Return the effects by which a limit is lost, the first few."""
+        return tuple(each for each in self.effects[:EFFECTS] if np.isinf(each.worsening))
 
     def worst(self, count: int = 3) -> tuple[VerifiedRun, ...]:
         """Return the worst random runs: by limits that they lose, then by their worst KPI."""
@@ -458,15 +488,21 @@ class Verified:
 
     @classmethod
     def of(
-        cls, found: Verification, scenario: Scenario, baseline: str, version: str, best: str
+        cls,
+        found: Verification,
+        scenario: Scenario,
+        baseline: str,
+        version: str,
+        best: str,
+        *,
+        robust: bool = False,
     ) -> "Verified":
-        """Return what a verification of a scenario's tuning says; see the class for the others."""
+        """Return what a verification of a scenario's tuning says, and of a `robust` study; see the class."""
         both = [found.tuning, *([found.before] if found.before else [])]
         margins, basis = margins_said([each.margins for each in both], found.tuning.time_unit)
         left = bool(baseline and found.runs) and found.before is None
         if found.before and found.before.runs:
-            held = sum(not run.problems for run in found.before.runs)
-            compared = f" Before ({baseline}): {held} of {len(found.before.runs)} of the same plants."
+            compared = _compared(found.runs, found.before.runs, baseline)
         else:
             compared = ""
         alone = f" Stopped before the {baseline} ran on these plants." if left else ""
@@ -474,7 +510,7 @@ class Verified:
             statement=found.statement + compared + alone,
             limits_kept=found.limits,
             margins_kept=found.margin_verdict,
-            advice=_next(found, scenario),
+            advice=_next(found, scenario, robust),
             share=found.share if found.runs else None,
             bound=found.bound,
             runs=len(found.runs),
@@ -530,18 +566,41 @@ class Verified:
             raise ScenarioError(f"cannot write {str(path)!r}: {error}. Not kept: {self.statement}") from error
 
 
-def _next(found: Verification, scenario: Scenario) -> tuple[str, ...]:
+def _compared(new: Sequence[VerifiedRun], old: Sequence[VerifiedRun], baseline: str) -> str:
+    """Return on how many plants the baseline holds; if those are fewer, also how the result does there."""
+    held, now = (sum(not run.problems for run in runs[: len(old)]) for runs in (old, new))
+    fewer = f"; after: {now} of these {len(old)}" if len(old) < len(new) else ""
+    return f" Before ({baseline}): {held} of {len(old)} of the same plants{fewer}."
+
+
+def _next(found: Verification, scenario: Scenario, robust: bool) -> tuple[str, ...]:
     """Return what to do next if some run fails, a text each."""
     if not found.failed:
         return ()
-    theta = zip(scenario.space, found.tuning.theta.tolist(), strict=True)
-    # To be typed: as a command reads it, and not rounded beyond its range.
-    start = ", ".join(f"{knob.name}={value:.10g}" for knob, value in theta)
-    robust = (
-        "look for one that holds on other plants: if the study was not robust, repeat its command with "
-        f'--robust --start "{start}"; with --taste and the name of a saved study, your answers count there'
-    )
-    return (*((robust,) if scenario.simulated else ()), *found.advice)
+    tried, change = found.others, "change the controller or relax the limit"
+    if not breakable(found.kpis):
+        change = "change the controller"
+    drawn = "" if tried is None else f"{tried.nominal or 'none'} of {tried.count} tunings drawn at random"
+    stuck = [] if tried is None else [e for e in found.breaking if not tried.alone.get(e.factor.name)]
+    if tried and not tried.nominal and found.tuning.nominal.problems:
+        first = f"{change}: this tuning does not hold even nominally, and {drawn} does"
+    elif stuck:
+        names = " and ".join(f"{e.factor.name} ({_range(e.factor)})" for e in stuck)
+        alone = "each alone make" if len(stuck) > 1 else "alone makes"
+        first = f"{change}: {names} {alone} every tuning fail that holds nominally, this one and {drawn}"
+    elif robust:
+        first = (
+            "the study was robust, which varies the plant and the noise only: start one with tighter "
+            f"limits, or {change}"
+        )
+    else:
+        hold = f" ({drawn} hold nominally)" if drawn else ""
+        start = shlex.join(["--robust", "--start", typed_theta(scenario.space, found.tuning.theta.tolist())])
+        first = (
+            f"look for one that holds on other plants{hold}: repeat the command of the study with {start}; "
+            "with --taste and the name of a saved study, your answers count there"
+        )
+    return (*((first,) if scenario.simulated else ()), *found.advice)
 
 
 def _kpi_row(kpi: KPI, tunings: list[Robustness]) -> tuple[str, ...]:

@@ -22,7 +22,7 @@ from prefcal_scenarios.isolated import DEFAULT_LIMIT
 from prefcal_scenarios.runs import FailedRun, HasKPIs, Progress, simulate_iter, simulate_many
 from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
 
-from .result import UNKNOWN, Robustness, Verification, VerifiedRun, margins_at, problems_of
+from .result import UNKNOWN, Others, Robustness, Verification, VerifiedRun, margins_at, problems_of
 
 # --- The perturbed runs of a candidate in a robust study: which there are, and how many keep the limits.
 
@@ -115,6 +115,8 @@ def _first_bad(reading: Reading, nominal: Outcome, runs: Sequence[Outcome], marg
 
 RUNS = 299
 """Runs that, if all are good, show with 95 % confidence that less than 1 % are not."""
+RIVALS = 60
+"""Other tunings: if none of them holds, less than 5 % of all do, with 95 % confidence."""
 _HANGS = 3.0  # times the longest other wait, after which a run that is stopped counts as not ended
 _QUICK = 2.0  # seconds of simulation that are not worth starting other processes
 
@@ -177,16 +179,17 @@ def verify(
     limit = timeout if timeout is not None or jobs == 1 else DEFAULT_LIMIT  # a varied plant may never end
     results = zip(cases, _done(varied, jobs, limit, progress, clock), strict=False)
     made = [_run(found, tunings[case.which].nominal, case, result) for case, result in results]
-    alone = runs + 2 * len(factors)
-    tuning, *before = (
-        replace(each, runs=tuple(part))
-        for each, part in zip(tunings, (made[:runs], made[alone:]), strict=False)
-    )
+    parts = made[:runs], made[runs + 2 * len(factors) :]
+    tuning, *before = (replace(t, runs=tuple(p)) for t, p in zip(tunings, parts, strict=False))
     left_out = (*known.left_out, *fixed, *unfair, *UNMODELED)
     kept = before[0] if before and before[0].runs else None
-    return Verification(
-        found.name, found.kpis, factors, left_out, runs, tuning, kept, tuple(made[runs:alone])
-    )
+    alone = tuple(made[runs : runs + 2 * len(factors)])
+    verified = Verification(found.name, found.kpis, factors, left_out, runs, tuning, kept, alone)
+    if not (verified.failed and found.simulated and len(made) == len(cases)):
+        return verified
+    thetas, rivals = _rivals(verified, found.space, seed)
+    done = _done(Variations(known.at, thetas, rivals), jobs, limit, progress, clock)
+    return replace(verified, others=_counted(found, verified, rivals, done))
 
 
 def _within(known: tuple[Factor, ...], ranges: Ranges) -> tuple[tuple[Factor, ...], list[LeftOut]]:
@@ -390,3 +393,24 @@ def _run(scenario: Scenario, nominal: VerifiedRun, case: _Case, result: HasKPIs)
     if isinstance(result, FailedRun):
         problems = (f"the run failed: {result.words}",)
     return VerifiedRun(case.values, case.seed, result.end, result.kpis, problems)
+
+
+def _rivals(verified: Verification, space: KnobSpace, seed: int) -> tuple[list[Theta], tuple[_Case, ...]]:
+    """Return other tunings, and runs of each: nominally, and with what alone makes the tuning fail."""
+    z = np.random.default_rng([seed, _APART]).random((RIVALS, len(space)))
+    thetas = list(space.decode_all(z)[space.allows(space.decode_all(z))])
+    changes = [{}, *(each.run.values for each in verified.breaking)]
+    return thetas, tuple(_Case(k, dict(values), seed) for k in range(len(thetas)) for values in changes)
+
+
+def _counted(
+    scenario: Scenario, verified: Verification, cases: Sequence[_Case], results: Sequence[HasKPIs]
+) -> Others | None:
+    """Return how the tunings of `_rivals` fare in their runs; None if Ctrl-C ended those early."""
+    if len(results) < len(cases):
+        return None
+    pairs, names = zip(cases, results, strict=True), [each.factor.name for each in verified.breaking]
+    kept = [not _run(scenario, verified.tuning.nominal, case, result).problems for case, result in pairs]
+    good = np.array(kept, dtype=bool).reshape(-1, 1 + len(names))
+    alone = dict(zip(names, good[good[:, 0], 1:].sum(axis=0).tolist(), strict=True))
+    return Others(len(good), int(good[:, 0].sum()), alone)

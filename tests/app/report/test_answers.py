@@ -41,11 +41,22 @@ def test_who_answered_what_and_why_the_result_is_the_result():
         assert (f"{words} {count}" in who) == (count > 0)
     assert who.endswith("SHA-256 of the study file: ab12.")
     assert found["Why this one"].startswith("It is the best by the answers")
-    assert found["Enough answers"].startswith("Not stated")
+    assert found["Enough answers?"].startswith("Not stated")
     told = Outlook(promise="Fewer than 4 % are better.", result=("The answers fit these wishes: calmness.",))
     found = dict(answers(replace(record, outlook=told)))
-    assert found["Enough answers"] == "Fewer than 4 % are better."
+    assert found["Enough answers?"] == "Fewer than 4 % are better."
     assert found["Why this one"] == "The answers fit these wishes: calmness."
+    holds = ("The result keeps the limits in all 300 perturbed runs.", "They vary the gain.")
+    told = replace(told, result=(*holds, *told.result))
+    robust = replace(record, outlook=told, trust="A sum predicted 4 of 6 answers.", robust=holds)
+    found = dict(answers(robust))
+    assert found["Robust study"] == " ".join(holds)
+    assert found["Why this one"] == "The answers fit these wishes: calmness."
+    assert found["Enough answers?"] == "Fewer than 4 % are better. A sum predicted 4 of 6 answers."
+    assert f"The study was robust. {holds[0]} They vary the gain." in page(robust, [])
+    left = dict(answers(toy_record(stop_after=4)))
+    assert left["Enough answers?"] == "Not stated: the study was left before its end."
+    assert "Robust study" not in left
 
 
 def test_a_partial_report_says_that_an_experiment_waits_for_its_answer():

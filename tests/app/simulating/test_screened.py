@@ -12,7 +12,7 @@ from prefcal_agents.screening.findings import Findings, Reason, RobustResult
 from prefcal_app.session import Choice, Phase, actions
 from prefcal_app.session.study import ENOUGH, why_over
 from prefcal_app.simulating import offer, promise, told
-from prefcal_app.simulating.why import percent, robust
+from prefcal_app.simulating.why import percent, robust, robust_study
 from prefcal_app.view.end import smaller_view
 from prefcal_env.errors import KnobError, ProtocolError, ScenarioError, StaleError
 from prefcal_env.knobs import Knob, KnobSpace
@@ -219,7 +219,10 @@ def test_from_the_second_answer_on_it_states_what_holds_for_people_unlike_the_dr
 )
 def test_it_says_how_many_random_experiments_the_result_is_equal_to(experiments, words):
     said = replace(CERTIFIED, experiments=experiments)
-    assert promise(certified(said)).endswith(f"). The best so far is as good as the best of {words}")
+    assert promise(certified(said)).endswith(
+        "(with 95 % probability). That bound is for each kind of person; for people of all kinds together, "
+        f"the best so far is as good as the best of {words}"
+    )
     assert "random experiments" not in promise(certified(replace(said, share=1.0)))
     better_is_known = promise(certified(replace(said, chance=0.94), simulated=9))
     assert better_is_known.startswith("The chance that the most promising of the 9 simulated is noticeably")
@@ -253,6 +256,22 @@ def test_what_robustness_costs_is_said_of_a_result_that_holds(kept, costs, words
     assert said[-1].startswith(words)
 
 
+def test_a_robust_study_that_was_left_says_how_its_best_so_far_holds():
+    kpi = KPI("t_f", "time to steady state t_f", "h", at_most=5.0)
+    scenario = Scenario("s", "S", KnobSpace([Knob("K", 0, 1)]), lambda theta, seed=0: None, kpis=(kpi,))
+    left = certified(CERTIFIED)
+    unknown = ("How many of 300 perturbed runs the result keeps was not worked out.",)
+    assert robust_study(None, scenario) == robust_study(left, scenario) == unknown
+    said = robust_study(replace(left, kept=300), scenario)
+    assert said[0] == "The result keeps the limits in all 300 perturbed runs."
+    assert len(said) == 2  # and what they vary
+    assert robust_study(replace(left, kept=12), scenario)[0].endswith(
+        "run 13 of 300 does not keep the limits."
+    )
+    over = replace(left, over=True, robustness=RobustResult(300))
+    assert robust_study(over, scenario) == tuple(robust(RobustResult(300), scenario))
+
+
 def test_a_robust_result_says_what_was_not_varied_in_the_words_of_a_verification():
     scenario = pid_scenario(Plant.of(([1.0], [10.0, 1.0]), delay=1.0))
     factors = [factor.name for factor in scenario.source.varied().factors]
@@ -284,7 +303,7 @@ def test_at_the_end_it_says_what_was_wanted_and_what_the_result_rests_on(monkeyp
     assert interview.known.is_told
     unexplained = replace(CERTIFIED, share=None, chance=None)
     found = replace(interview.known.findings, certificate=unexplained)
-    assert told(found, simulated) == (), "whatever is said of KPIs would be wrong"
+    assert told(found, simulated, interview.past.experiment) == (), "whatever is said of KPIs would be wrong"
     interview.do(actions.GoOn(1))
     assert proceed(interview).phase is Phase.QUESTION
     assert interview.known.outlook is None or interview.known.outlook.result == ()
@@ -334,7 +353,7 @@ def test_at_the_end_a_smaller_change_than_from_the_given_start_is_looked_for(cha
     assert found is not None
     assert set(found.theta) <= {*best, *start}
     assert screened.row(np.array(found.theta)) is not None  # the page can show it
-    assert any("can stay as before" in words for words in told(said, simulated))
+    assert any("can stay as before" in words for words in told(said, simulated, interview.past.experiment))
     assert tuple(smaller_view(interview, said)) == found.theta
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from prefcal_agents.result import Influence, SmallerChange
 from prefcal_agents.screening.findings import Alternative, Findings, Reason
-from prefcal_app.simulating import as_shown, at_stake, carried_by, menu_names, wanted, why
+from prefcal_app.simulating import as_shown, at_stake, carried_by, menu_names, rival, wanted, why
 from prefcal_app.simulating.why import kept
 from prefcal_scenarios.scenario import KPI
 from support.looks import toy
@@ -93,6 +93,13 @@ def test_the_answer_that_carries_the_result_is_named():
         "The result rests on the answer about experiment 5: if it were the other way round, "
         "experiment 7 would be the best."
     )
+    found = Findings(True, 9, best=2, influences=(Influence(4, 6, 0.3, sure=True),))
+    runs = {2: ran(t_f=4.0, final=2.0), 6: ran(t_f=5.0, final=2.0)}
+    unit = next(kpi.unit for kpi in toy.kpis if kpi.name == "t_f")
+    said = rival(found, toy, runs.__getitem__)
+    assert said == f"Experiment 7 has settling time t_f 5 {unit} (result: 4)."
+    assert rival(found, toy, {2: runs[2], 6: runs[2]}.__getitem__) == ""
+    assert rival(replace(found, influences=()), toy, runs.__getitem__) == ""
     assert carried_by(None) == "No single answer that is in doubt would surely change the result."
 
 

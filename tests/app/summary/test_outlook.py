@@ -95,6 +95,28 @@ def test_ranges_become_a_quarter_wider_and_positive_ones_stay_so(theta, range_):
     assert said(theta).command.endswith(f"--knob {range_}")
 
 
+def test_nothing_is_beyond_zero_the_whole_of_a_share_and_one():
+    knobs = [
+        Knob("T_d", 0.0, 14.0, "s"),
+        Knob("b", 0.0, 1.0),
+        Knob("N", 1, 9, integer=True),
+        Knob("K", -2.0, 1.0),
+    ]
+    space, place = KnobSpace(knobs), "/tmp/mine.prefcal"
+    for theta in ([0.0, 0.0, 1, 0.0], [5.0, 1.0, 1, 0.0]):
+        found = outlook(PROMISE, np.array(theta), space, place, STATE, helps=always)
+        assert (found.ends, found.command) == ("", "")
+    found = outlook(PROMISE, np.array([14.0, 1.0, 9, 1.0]), space, place, STATE, helps=always)
+    assert found.ends.startswith("T_d, N and K of the best θ are near the end")
+    assert found.command.endswith("--knob T_d=0:17.5 --knob N=1:11 --knob K=-2:1.75")
+
+
+def test_the_other_end_of_a_range_keeps_all_its_digits():
+    narrow = SPACE.narrowed({"T_s": (1 / 3, 1.5)})
+    found = outlook(PROMISE, np.array([1.5, 20, 1.0, 0.0]), narrow, "/tmp/a.prefcal", STATE, helps=always)
+    assert found.command.endswith(" --knob T_s=0.3333333333333333:1.79")
+
+
 def test_a_frozen_knob_is_where_it_was_put():
     frozen = SPACE.narrowed({"T_s": (0.25, 0.25), "N_p": (10, 30)})
     assert [knob.name for knob, _ in at_end(frozen, np.array([0.25, 30, 1.0, 0.0]))] == ["N_p"]

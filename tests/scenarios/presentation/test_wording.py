@@ -1,9 +1,14 @@
 """Numbers as people read them."""
 
+import shlex
+
+import numpy as np
 import pytest
 
+from prefcal_app.terminal.showing import theta_of
 from prefcal_env import Knob
-from prefcal_scenarios.wording import counted, knob_number
+from prefcal_env.knobs import KnobSpace
+from prefcal_scenarios.wording import counted, knob_number, symbols_in, typed_theta
 
 
 @pytest.mark.parametrize(
@@ -15,3 +20,26 @@ def test_a_logarithmic_knob_has_three_digits_and_large_values_no_powers_of_ten(v
 
 def test_one_of_something_is_no_plural():
     assert [counted(n, "more KPI") for n in (0, 1, 2)] == ["0 more KPIs", "1 more KPI", "2 more KPIs"]
+
+
+def test_what_is_printed_to_be_typed_is_plain_and_is_read_back_exactly():
+    knobs = [
+        Knob("T_s", 0.1, 1.5, "h"),
+        Knob("N_p", 4, 40, integer=True),
+        Knob("log Q_Δu", -6.0, 2.0),
+        Knob("K_p", -9.0, 9.0),
+        Knob("gain[1,2]", 1e-9, 1.0, scale="log10"),
+    ]
+    space, theta = KnobSpace(knobs), [0.123456789012345, 20, -4.4, -1 / 3, 1.25e-7]
+    said = typed_theta(space, theta)
+    assert said == ("T_s=0.123456789012345, N_p=20, log_Q=-4.4, K_p=-0.3333333333333333, gain[1,2]=1.25e-07")
+    assert theta_of(shlex.split(shlex.join(["--start", said]))[1], space).tolist() == theta
+    assert str(symbols_in(f'--start "{said}"')).count("<sub>") == 0
+
+
+@pytest.mark.parametrize("other", ["log Q", "log Q_y"])
+def test_a_name_that_is_not_clear_without_its_other_letters_keeps_them(other):
+    space = KnobSpace([Knob("log Q_Δu", -6.0, 2.0), Knob(other, -6.0, 2.0)])
+    said = typed_theta(space, [-4.4, 1.0])
+    assert said == f"log_Q_Δu=-4.4, {other.replace(' ', '_')}=1"
+    assert np.array_equal(theta_of(said, space), [-4.4, 1.0])

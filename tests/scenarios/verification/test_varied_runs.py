@@ -5,13 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import betaincinv
 
 from prefcal_env import Channel, Experiment, Knob, KnobSpace, recorded
 from prefcal_env.errors import KnobError, ScenarioError, SettingsError
 from prefcal_env.sources.varied import UNMODELED, within
 from prefcal_scenarios import KPI, Scenario, load
 from prefcal_scenarios.verification import replay, verify
-from prefcal_scenarios.verification.result import Verified, most_probable
+from prefcal_scenarios.verification.result import Others, Verified, most_probable
 
 SPACE = KnobSpace([Knob("gain", 0.0, 10.0)])
 THETA = np.array([2.0])
@@ -117,7 +118,19 @@ def test_beside_some_failed_runs_stands_what_to_do_next():
     said = Verified.of(found, replace(SPRING, simulated=True), "current tuning", "1.0", "")
     heaviest = max(each.kpis["weight"] for each in found.runs)
     robust, relax = said.advice
-    assert '--robust --start "gain=2"' in robust
+    good = sum(np.random.default_rng([0, 2**40]).random((60, 1))[:, 0] <= 0.21)
+    assert found.others == Others(60, good, {"mass": found.others.alone["mass"]})
+    assert 0 < found.others.alone["mass"] <= good
+    assert robust == (
+        f"look for one that holds on other plants ({good} of 60 tunings drawn at random hold nominally): "
+        "repeat the command of the study with --robust --start gain=2; with --taste and the name of a saved "
+        "study, your answers count there"
+    )
+    wider = Verified.of(found, replace(SPRING, simulated=True), "", "1.0", "", robust=True).advice[0]
+    assert wider == (
+        "the study was robust, which varies the plant and the noise only: start one with tighter limits, or "
+        "change the controller or relax the limit"
+    )
     assert relax == (
         f"relax the limit of weight: with ≤ {heaviest:.4g} in place of ≤ 2.1, 200 of 200 runs hold"
     )
@@ -127,6 +140,44 @@ def test_beside_some_failed_runs_stands_what_to_do_next():
     small = replace(found, tuning=replace(found.tuning, theta=np.array([-2.13872e-06])))
     robust, _ = Verified.of(small, replace(SPRING, simulated=True), "", "1.0", "").advice
     assert '--start "gain=-2.13872e-06"' in robust, "typed as it stands, with all digits and a plain minus"
+
+
+def test_what_alone_makes_every_tuning_fail_calls_for_another_controller():
+    kpis = (KPI("weight", "weight", at_least=1.91, at_most=2.09),)
+    narrow = replace(SPRING, space=KnobSpace([Knob("gain", 1.0, 3.0)]), kpis=kpis, simulated=True)
+    found = verify(narrow, THETA, 100, jobs=1)
+    gains = 1 + 2 * np.random.default_rng([0, 2**40]).random((60, 1))[:, 0]
+    good = sum(abs(gains - 2) <= 0.09)
+    assert good > 1  # they hold nominally, and none with a mass of 0.9
+    assert found.others == Others(60, good, {"mass": 0})
+    assert Verified.of(found, narrow, "", "1.0", "", robust=True).advice[0] == (
+        "change the controller or relax the limit: mass (0.9 to 1.1) alone makes every tuning fail that "
+        f"holds nominally, this one and {good} of 60 tunings drawn at random"
+    )
+    never = replace(narrow, kpis=(KPI("weight", "weight", at_most=0.5),))
+    assert Verified.of(verify(never, THETA, 9, jobs=1), never, "", "1.0", "").advice[0] == (
+        "change the controller or relax the limit: this tuning does not hold even nominally, and none of 60 "
+        "tunings drawn at random does"
+    )
+
+
+def test_where_most_runs_fail_their_share_is_said_and_what_it_is_at_least():
+    found = verify(replace(SPRING, simulated=True), np.array([2.28]), 100, jobs=1)
+    failed = sum(2.28 / each.values["mass"] > 2.1 for each in found.runs)
+    assert failed > 80
+    least = 100 * betaincinv(failed, 101 - failed, 0.05)
+    assert found.statement == (
+        f"{100 - failed} of 100 runs keep the stated limits: for plants within these ranges, {failed} % do "
+        f"not, at least {int(least)} % with 95 % confidence."
+    )
+
+
+def test_what_ran_on_fewer_plants_is_compared_on_those():
+    found = verify(SPRING, np.array([2.0]), 50, start=THETA / 2, jobs=1)
+    before = replace(found.before, runs=found.before.runs[:30])
+    held = sum(not each.problems for each in found.runs[:30])
+    said = Verified.of(replace(found, before=before), SPRING, "current tuning", "1.0", "").statement
+    assert said.endswith(f" Before (current tuning): 30 of 30 of the same plants; after: {held} of these 30.")
 
 
 def test_titles_of_ones_own_begin_with_capitals_and_get_the_same_offers():

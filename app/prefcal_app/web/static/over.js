@@ -78,7 +78,7 @@ function steps(now, act) {
   return el("section", { class: "card steps" }, el("h3", {}, "What next?"),
     el("p", { class: "actions" },
       report ? link("Open the report", { class: "button primary", href: report.link, target: "_blank", rel: "noopener" })
-        : el("span", { class: "faint" }, "The report is being written…"),
+        : el("span", { class: "faint", id: "writing", role: "status" }, "The report is being written…"),
       report ? link("Acceptance sheet", { href: report.acceptance, target: "_blank", rel: "noopener" }) : null,
       next.download ? link("Download best.json", { href: next.download, download: "best.json" }) : null,
       button("Close prefcal", () => close(act), { title: "Ends the command in the terminal" })),

@@ -1,12 +1,13 @@
 // Verify the result on varied plants, show what came of it, and ask about the worst runs.
 
 import { get, post } from "./api.js";
-import { button, el, fill, folded, shownTable, symbol } from "./dom.js";
+import { $, button, el, fill, folded, shownTable, symbol } from "./dom.js";
 import { current } from "./flow.js";
 
 const PAUSE = 500; // ms between two looks at a verification that runs
 const place = el("div", { id: "verification", "aria-live": "polite" });
 let timer = 0;
+let wanted = null; // the version of the study whose result is verified once its report is written
 let about = null; // the version of the study that the place is about
 
 // Return the place of the verification; it stays while the page is drawn anew.
@@ -14,12 +15,20 @@ export function verification() {
   const { version } = current();
   if (about !== version) {
     about = version;
-    show(() => get("/api/verification"));
+    show(() => (wanted === version ? post("verify", {}, false) : get("/api/verification")));
   }
   return place;
 }
 
-export const verify = () => current()?.over?.next.verifies && show(() => post("verify", {}, false));
+export function verify() {
+  const { over, version } = current() ?? {};
+  if (over?.next.verifies) {
+    show(() => post("verify", {}, false));
+  } else if (over && !over.report) {
+    wanted = version;
+    $("writing").textContent = "The report is being written, then the result is verified…";
+  }
+}
 
 async function show(ask) {
   clearTimeout(timer);
@@ -40,7 +49,7 @@ const offer = ({ runs }) => [el("p", {}, current()?.live || current()?.rig ? "No
   : `Try the result on ${runs} plants that are not exactly as modeled. What can be varied follows from the plant, and is said.`),
   el("p", { class: "actions" }, start("Verify it"))];
 
-const going = ({ done, planned }) => [el("p", {}, planned ? `${done} of ${planned} runs: random plants, each change alone, and the tuning before…` : "It begins…"),
+const going = ({ done, planned }) => [el("p", {}, planned ? `${done} of ${planned} runs: random plants, each change alone, the tuning before and, if some fail, others…` : "It begins…"),
   el("progress", { max: planned || 1, value: planned ? done : null, "aria-label": "Runs on varied plants" }),
   el("p", { class: "actions" }, button("Stop and keep these", () => show(() => post("stop_verifying", {}, false))))];
 
