@@ -50,6 +50,11 @@ class Measure:
     design: Design  # what was chosen for the plant
     laws: Laws  # controllers of all θ
 
+    @property
+    def targets(self) -> list[tuple[int, float]]:
+        """Index and reference of each output that steps, in the order of the loops: `ClosedLoop` asks for it."""
+        return [(each.output, each.target) for each in self.design.loops]
+
     def around(self, env: PlantEnv) -> "Measure":
         """Return the same KPIs of another plant, which starts and steps as its task says."""
         plant, task = env.plant, env.task
