@@ -52,7 +52,7 @@ class Measure:
 
     @property
     def targets(self) -> list[tuple[int, float]]:
-        """Index and reference of each output that steps, in the order of the loops: `ClosedLoop` asks for it."""
+        """Return index and reference of each output that steps, in order; `ClosedLoop` asks for them."""
         return [(each.output, each.target) for each in self.design.loops]
 
     def around(self, env: PlantEnv) -> "Measure":

@@ -139,7 +139,7 @@ def test_beside_some_failed_runs_stands_what_to_do_next():
     assert alone == relax
     small = replace(found, tuning=replace(found.tuning, theta=np.array([-2.13872e-06])))
     robust, _ = Verified.of(small, replace(SPRING, simulated=True), "", "1.0", "").advice
-    assert '--start "gain=-2.13872e-06"' in robust, "typed as it stands, with all digits and a plain minus"
+    assert "--start gain=-2.13872e-06" in robust, "typed as it stands, with all digits and a plain minus"
 
 
 def test_what_alone_makes_every_tuning_fail_calls_for_another_controller():
