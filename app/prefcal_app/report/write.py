@@ -402,7 +402,7 @@ def _kept(found: Verification, tuning: BestTuning, best: Path, timeout: float | 
     for stale in best.parent.glob("worst_run_*.png"):
         stale.unlink(missing_ok=True)
     with suppress(Exception):  # what cannot run again has no picture
-        for rank, drawn in _drawn(tuning, found.worst(), timeout):
+        for rank, drawn in _drawn(tuning, found.worst(), said.worst, timeout):
             put(best.parent / picture(rank), drawn)
     refresh(best.parent)
     return said
@@ -441,15 +441,16 @@ def judge(folder: Path, worst: int, *, acceptable: bool) -> Verified:
 
 
 def _drawn(
-    tuning: BestTuning, worst: Sequence[VerifiedRun], timeout: float | None
+    tuning: BestTuning, worst: Sequence[VerifiedRun], said: Sequence[WorstRun], timeout: float | None
 ) -> Iterator[tuple[int, bytes]]:
     """Yield number and PNG of the worst runs that did not fail, beside nominal ones of the same seed."""
     shown = [(rank, run) for rank, run in enumerate(worst) if run.end is not End.FAILED]
     runs = [each for _, run in shown for each in (replace(run, values={}), run)]
     made = replays(tuning.scenario, tuning.theta, runs, timeout) if runs else []
     for (rank, run), nominal, varied in zip(shown, made[::2], made[1::2], strict=True):
-        labels, words = ("nominal", f"worst run {rank + 1}"), f"Worst run {rank + 1}: {run.words}."
-        yield rank, png(figure(tuning.scenario, nominal, varied, labels, own=True, below=words))
+        labels, words = ("nominal", f"worst run {rank + 1}"), f"{said[rank].words}: {said[rank].text}."
+        below = f"Worst run {rank + 1}: {words}"
+        yield rank, png(figure(tuning.scenario, nominal, varied, labels, own=True, below=below))
 
 
 # --- Fill in the acceptance sheet of a study: one page, before and after, with lines to sign.

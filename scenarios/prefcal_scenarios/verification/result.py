@@ -12,6 +12,7 @@ from scipy.special import betaincinv
 
 from prefcal_env.controllers.margins import UNCONSTRAINED, UNSTABLE, Margins, margins
 from prefcal_env.disk import digest_of, write_durably
+from prefcal_env.envs.varied_loop import STEPPED
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import End
 from prefcal_env.plain import from_plain, to_plain
@@ -338,7 +339,7 @@ VARIED, USUAL = ("what varied", "between", "range is"), "usual"
 """Headings of the rows of what varied: name, range with its unit, and whether it is the usual one."""
 NOT_VARIED = ("what was not varied", "why")
 """Headings of the rows of what did not vary."""
-_NAMED = 6  # number of values of a run that are named
+_NAMED = 8  # number of values of a run that are named
 
 
 @dataclass(frozen=True, slots=True)
@@ -346,22 +347,24 @@ class WorstRun:
     """One of the worst random runs."""
 
     words: str  # which stated limits it loses, or that it is within them
-    # values that differ from the nominal ones, by name, the one that moved most within
-    # its range first
+    # values that differ from the nominal ones, by name: those of the step first, which a
+    # picture shows, then the one that moved most within its range
     values: dict[str, float]
     seed: int  # seed of the run
     verdict: str = ""  # "acceptable" or "not acceptable"; "" if nobody was asked
     units: dict[str, str] = field(default_factory=dict)  # units of the values by name, those that have one
 
     @classmethod
-    def of(cls, run: VerifiedRun, factors: Sequence[Factor]) -> "WorstRun":
-        """Return one of the worst runs, with the factors that varied."""
+    def of(cls, run: VerifiedRun, factors: Sequence[Factor], *, stated: bool = True) -> "WorstRun":
+        """Return one of the worst runs, with the factors that varied; `stated`: whether it has limits."""
 
-        def moved(f: Factor) -> float:
-            return abs(run.values[f.name] - f.nominal) / max(f.high - f.nominal, f.nominal - f.low)
+        def moved(f: Factor) -> tuple[bool, float]:
+            share = abs(run.values[f.name] - f.nominal) / max(f.high - f.nominal, f.nominal - f.low)
+            return f.name in STEPPED and share > 0, share
 
         values = {f.name: run.values[f.name] for f in sorted(factors, key=moved, reverse=True)}
-        words = run.words if run.problems else f"most different from nominal, {run.words}"
+        most = f"most different from nominal{f', {run.words}' if stated else ''}"
+        words = run.words if run.problems else most
         return cls(words, values, run.seed, units={f.name: f.unit for f in factors if f.unit})
 
     @property
@@ -429,7 +432,9 @@ class Verified:
             margins=margins,
             basis=basis,
             effects=tuple(_effect(each, found) for each in found.effects),
-            worst=tuple(WorstRun.of(run, found.factors) for run in found.worst()),
+            worst=tuple(
+                WorstRun.of(run, found.factors, stated=bool(breakable(found.kpis))) for run in found.worst()
+            ),
             varied=tuple((f.name, _range(f), _kind(f, found.idle)) for f in found.factors),
             left_out=found.left_out,
             scenario=found.scenario,
