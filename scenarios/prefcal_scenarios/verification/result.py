@@ -150,6 +150,22 @@ class Verification:
         return "end safely" + (" and reach what the nominal run reaches" if finite else "")
 
     @property
+    def headline(self) -> str:
+        """Return whether it holds: what is stated decides; if nothing is, usual limits are counted."""
+        own, count, loop = self.tuning.nominal, len(self.runs), self.tuning.margins
+        lost = [k for k in self.kpis if k.margin and k.met(k.read(own.kpis.get(k.name, np.nan))) is False]
+        held = f"{count - len(self.failed)} of {count} runs {self.asked}." if count else ""
+        if self.failed or own.problems or lost or loop == UNSTABLE:
+            said = f"Does not hold: {held or f'{own.words}.'}"
+        elif not count:
+            return self.statement
+        else:
+            holds = "Holds" if breakable(self.kpis) else "Not judged, since no limit on runs is stated"
+            said = f"{holds}: {held}"
+        usual = "; ".join(() if breakable(self.kpis) else self._usual())
+        return f"{said}{f' Usual limits: {usual}.' if usual and count else ''} {self.margin_verdict}".rstrip()
+
+    @property
     def statement(self) -> str:
         """Return how sure it is that the tuning holds, in a sentence."""
         count = len(self.runs)
@@ -170,13 +186,13 @@ class Verification:
 
     @property
     def limits(self) -> str:
-        """Return what a run is judged by, in a sentence, and limits that are usual if none is stated."""
+        """Return what a run is judged by, in a sentence."""
         aims = [kpi.title for kpi in breakable(self.kpis)]
         stated = f"Stated limits: a safe end, the objectives of {', '.join(aims)}, and nothing"
         if not aims:
             stated = "No limit that a run can break is stated. What counts: a safe end, and nothing"
         usual = [] if aims or not self.runs else list(self._usual())
-        offers = f" Usual are {'; '.join(usual)}: state them as objectives of the KPIs." if usual else ""
+        offers = " State the usual limits as objectives of the KPIs." if usual else ""
         own = self.tuning.nominal
         nominal = f"The nominal run: {own.words}." if aims or own.problems else "The nominal run does so."
         return f"{stated} infinite that is finite nominally. {nominal}{offers}"
@@ -196,7 +212,7 @@ class Verification:
                 continue
             kept = sum(run.kpis.get(kpi.name, np.inf) <= limit for run in self.runs)
             most = quantity(limit, kpi.unit)
-            yield f"{kpi.title} at most {most}{why}, which {kept} of {len(self.runs)} runs keep"
+            yield f"{kpi.title} at most {most}{why}: {kept} of {len(self.runs)} runs"
 
     @property
     def margin_verdict(self) -> str:
@@ -339,6 +355,8 @@ VARIED, USUAL = ("what varied", "between", "range is"), "usual"
 """Headings of the rows of what varied: name, range with its unit, and whether it is the usual one."""
 NOT_VARIED = ("what was not varied", "why")
 """Headings of the rows of what did not vary."""
+REFUSED = "not acceptable"
+"""Verdict of a person on a worst run that speaks against the tuning."""
 _NAMED = 8  # number of values of a run that are named
 
 
@@ -380,6 +398,7 @@ class WorstRun:
 class Verified:
     """What a verification says. Texts are as people read them; "–" is unknown."""
 
+    headline: str  # whether it holds, how many runs do, usual limits if none is stated, margins
     statement: str  # how sure it is that the limits are kept, in a sentence
     limits_kept: str  # what a run is judged by, in a sentence
     margins_kept: str  # whether the nominal loop keeps limits on margins, in a sentence; "" if unknown
@@ -403,6 +422,7 @@ class Verified:
     scenario: str  # name of the scenario
     version: str  # version of prefcal
     best: str  # SHA-256 of the best.json, in hexadecimal digits
+    at: str = field(default="", compare=False)  # date, in ISO 8601; "" if nobody said
 
     @classmethod
     def of(
@@ -419,6 +439,7 @@ class Verified:
             compared = ""
         alone = f" Stopped before the {baseline} ran on these plants." if left else ""
         return cls(
+            headline=found.headline,
             statement=found.statement + compared + alone,
             limits_kept=found.limits,
             margins_kept=found.margin_verdict,
@@ -441,6 +462,15 @@ class Verified:
             version=version,
             best=best,
         )
+
+    @property
+    def verdict(self) -> str:
+        """Return the headline, with a person's verdicts against worst runs, and the date."""
+        refused = sum(each.verdict == REFUSED for each in self.worst)
+        judged = (
+            f" A person found {refused} of the {len(self.worst)} worst runs {REFUSED}." if refused else ""
+        )
+        return f"{self.headline}{judged}{f' Verified {self.at}.' if self.at else ''}"
 
     @property
     def kpi_columns(self) -> tuple[str, ...]:
