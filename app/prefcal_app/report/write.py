@@ -465,8 +465,10 @@ def sheet(record: StudyRecord, verified: Verified | str | None = None, loop: byt
     Raises:
         ScenarioError: If a panel of the scenario does not exist in an experiment.
     """
-    known = isinstance(verified, Verified)
-    holds = verified_answers(verified) if known else unverified(record, verified or "")
+    if isinstance(verified, Verified):
+        holds = verified_answers(verified)
+    else:
+        holds = unverified(record, verified or "")
     # What is not verified yet will add the open loop beside the curves.
     narrow = loop or plant_of(record.scenario.source) is not None
     picture = _curves(record, _HIGH, _BESIDE if narrow else WIDTH * _INCH)
