@@ -448,8 +448,8 @@ def _drawn(
 # --- Fill in the acceptance sheet of a study: before and after on one or two pages, with lines to sign.
 
 _MOST_ROWS, _LIMITS = 16, 4  # largest number of knobs, and of KPIs with limits; how many of them are limits
-_HIGH, _BESIDE, _INCH, _PANELS = 62.0, 112.0, 25.4, 3
-"""Height of curves, width of those beside the open loop, and an inch, in mm; largest number of panels."""
+_HIGH, _BESIDE, _INCH, _PANELS = (62.0, 80.0), 112.0, 25.4, 3
+"""Height of curves beside the open loop and alone, width beside it, an inch, in mm; most panels."""
 _KPI = ("title", "objective", "before", "after", "unit", "met")  # what the sheet says of a KPI
 _NEAR = 1e-6  # share of its size by which a value may miss a limit and still count as being at it
 
@@ -471,7 +471,8 @@ def sheet(record: StudyRecord, verified: Verified | str | None = None, loop: byt
         holds = unverified(record, verified or "")
     # What is not verified yet will add the open loop beside the curves.
     narrow = loop or plant_of(record.scenario.source) is not None
-    picture = _curves(record, _HIGH, _BESIDE if narrow else WIDTH * _INCH)
+    size = (_HIGH[0], _BESIDE) if narrow else (_HIGH[1], WIDTH * _INCH)
+    picture = _curves(record, *size)
     template = environment().get_template("report/acceptance.html.j2")
     return template.render(
         record=record,
