@@ -45,6 +45,7 @@ JITTER, _JITTER, _MOST = "sampling jitter", 0.1, 0.49
 """Largest jitter, as a share of the period: the usual and the possible one."""
 MOVE, SHIFT, REFERENCE, DIRECTION = "rate of the actuators", "start", "size of the step", "direction"
 TURN, STEP = "direction of the load", "start, size and direction of the step"
+STEPPED = (REFERENCE, SHIFT, DIRECTION)
 _ROOM = 2.0  # distance of a limit from start and targets, in steps, that leaves room for other references
 Build = Callable[[Disturbed, Task, Y, U], Source]
 """Function of plant, task, resolution of the sensors, shape (n_y,), and half backlash of the
@@ -78,7 +79,7 @@ def moves_of(
     low, high = -_OFFSET, 1 + SIZE + _OFFSET
     if not (rests(low) and rests(high)):
         return ()
-    return (REFERENCE, SHIFT, DIRECTION) if rests(-high) else (REFERENCE, SHIFT)
+    return STEPPED if rests(-high) else STEPPED[:2]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -36,6 +36,11 @@ def number(value: float | None) -> str:
     return "0" if text == "-0" else text.replace("-", "−")
 
 
+def exact_number(value: float) -> str:
+    """Return a number of a result with the digits that files have, but 0.9 for 0.8999999999999998."""
+    return f"{value + 0.0:.10g}".replace("-", "−")
+
+
 def knob_number(knob: Knob, value: float) -> str:
     """Return a knob's value, rounded to its resolution or else to a thousandth of its range.
 

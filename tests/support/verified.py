@@ -4,6 +4,7 @@ from prefcal_env.sources.varied import UNMODELED
 from prefcal_scenarios.verification.result import Verified, WorstRun
 
 FOUND = Verified(
+    headline="Does not hold: 298 of 299 runs keep the stated limits.",
     statement="298 of 299 runs keep the stated limits.",
     limits_kept="Stated limits: a safe end.",
     margins_kept="Margins of the nominal loop: maximum sensitivity M_s 1.7, required ≤ 2: kept.",

@@ -205,7 +205,7 @@ def _range(text: str) -> tuple[str, float | list[float]]:
 
 def show(said: Verified, console: Console) -> None:
     """Print a verification in a terminal."""
-    say(console, "Does it hold?", f"  {said.statement}", f"  {said.limits_kept}")
+    say(console, "Does it hold?", f"  {said.verdict}", f"  {said.statement}", f"  {said.limits_kept}")
     for line in said.advice:
         say(console, f"  {_sentence(line)}")
     if said.varied:

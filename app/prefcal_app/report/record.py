@@ -22,7 +22,7 @@ from prefcal_app.summary import VERDICTS as VERDICTS
 from prefcal_app.summary import Outlook, Spread
 from prefcal_app.view.end import FIRST, gain_view, gained, pid_rows
 from prefcal_app.view.question import cell, column, judged, row, table, theta_texts, theta_view
-from prefcal_env.controllers.forms import ANTI_WINDUP, SERIES, PIDParameter
+from prefcal_env.controllers.forms import ANTI_WINDUP, BOTH, SERIES, PIDParameter
 from prefcal_env.controllers.margins import Margins
 from prefcal_env.errors import PrefcalError, SettingsError, StaleError, StudyError
 from prefcal_env.experiments.experiment import Experiment
@@ -38,8 +38,8 @@ from prefcal_scenarios.verification.result import UNKNOWN, margins_at
 from prefcal_scenarios.wording import (
     MISSING,
     ended_text,
+    exact_number,
     folder_for,
-    knob_number,
     labeled,
     marks_text,
     number,
@@ -476,7 +476,7 @@ def gain_rows(record: StudyRecord) -> list[dict[str, Any]]:
 
 def gain_of(record: StudyRecord) -> dict[str, Any]:
     """Return what was gained over the baseline, as the page shows it."""
-    before = theta_view(record.scenario.space, record.before.experiment)
+    before = theta_view(record.scenario.space, record.before.experiment, exact=True)
     return gain_view(record.baseline, record.result.index, gain_rows(record), before)
 
 
@@ -529,10 +529,12 @@ def pid_text(record: StudyRecord) -> str:
         ", ".join(f"{p.name} {with_unit(number(p.value), p.unit)}" for p in some)
         for some in (fixed, [p for p in parts if p.form == SERIES and p.value == p.value])
     )
+    gains = [p for p in parts if p.form == BOTH and p.name.startswith("K_p")]
+    actions = [f"reverse ({p.name} > 0)" if p.value > 0 else f"direct ({p.name} < 0)" for p in gains]
     return (
         "ISA form: K_p (b r − y + 1/T_i ∫(r − y) dt + T_d d(c r − y)/dt), derivative filtered with T_f. "
         f"Parallel form: K_i and K_d in place of K_p/T_i and K_p T_d. Series form: {series or 'none'}. "
-        f"{ANTI_WINDUP}{f' Not tuned: {rest}.' if rest else ''}"
+        f"{ANTI_WINDUP} Action: {', '.join(actions)}.{f' Not tuned: {rest}.' if rest else ''}"
     )
 
 
@@ -545,7 +547,7 @@ def result_rows(record: StudyRecord, experiments: Iterable[Experiment]) -> Itera
     """Yield a row for each knob, the cost, each KPI, and how these experiments ended."""
     shown = list(experiments)
     for i, knob in enumerate(record.scenario.space):
-        yield row(knob.name, [cell(knob_number(knob, e.theta[i])) for e in shown], unit=knob.unit)
+        yield row(knob.name, [cell(exact_number(float(e.theta[i]))) for e in shown], unit=knob.unit)
     if record.shows_cost:
         yield row("performance index", [cell(number(record.cost(e))) for e in shown])
     for part, kpi in _grouped(record.kpis, shown):

@@ -5,6 +5,7 @@ from base64 import b64encode
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from datetime import UTC, datetime, tzinfo
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -17,7 +18,7 @@ from markupsafe import Markup
 
 from prefcal_app.session.study import why_over
 from prefcal_app.summary import kept_text
-from prefcal_app.view.end import FIRST, pid_table
+from prefcal_app.view.end import FIRST, first_rows, pid_table
 from prefcal_app.view.question import cell, row, table, theta_view
 from prefcal_env.controllers.forms import ALL, PARALLEL
 from prefcal_env.controllers.margins import Margins
@@ -36,6 +37,7 @@ from prefcal_scenarios.verification import Verification, verify
 from prefcal_scenarios.verification.result import (
     BEST,
     NOT_VARIED,
+    REFUSED,
     USUAL,
     VARIED,
     Verified,
@@ -47,8 +49,8 @@ from prefcal_scenarios.verification.result import FILE as VERIFICATION
 from prefcal_scenarios.verification.varied_runs import RUNS, replays, unvaried
 from prefcal_scenarios.wording import (
     counted,
+    exact_number,
     folder_for,
-    knob_number,
     number,
     put,
     symbols_in,
@@ -109,7 +111,7 @@ def page(
     if record.best is not None:
         view["origin"] |= {"model": model(record)}
         view |= {
-            "theta": theta_view(record.scenario.space, record.best.experiment),
+            "theta": theta_view(record.scenario.space, record.best.experiment, exact=True),
             "pid": pid_table(pid_forms_of(record), record.baseline),
             "experiments": experiment_table(record),
             "gain": gain_of(record),
@@ -140,24 +142,22 @@ def lead(record: StudyRecord) -> str:
 
 FILE = "acceptance.html"
 """Name of the file of the sheet."""
-_PART = re.compile(r"<!-- verified (\d+) -->.*?<!-- end -->", re.DOTALL)
-"""The part of the sheet or report that changes when the tuning is verified; on the sheet, with its room and
-that of curves in mm."""
+_PART = re.compile(r"<!-- verified -->.*?<!-- end -->", re.DOTALL)
+"""The part of the sheet or report that a verification changes."""
+_TOP = re.compile(r"<!-- verdict -->.*?<!-- end -->", re.DOTALL)
+"""The verdict, above the tables of the sheet."""
 _UNKNOWN = "not verified"
 _RUN = (
     f"{_UNKNOWN}: other gains, dead times, noise, loads and set points than modeled. Run prefcal verify "
     "best.json, which completes this page."
 )
-_WIDE = 107  # characters of a line of an answer
-LINE, MOST_VERIFIED = 3.2, 17
-"""Height of a line of an answer in mm, and the usual number of lines of what was verified."""
-_LOW = 36.0  # smallest height of curves that tell anything, in mm
+_BRIEF = 214  # most characters of what an experiment is: two lines
 LOOP = "open_loop.png"
 """Name of the picture from which margins are read."""
 _LOOP_ALT = "Nyquist diagram of the open loop, before and after, with the margins that it shows"
 
-Answers = list[tuple[str, str]]
-"""Questions, in a few words, each with its answer."""
+Answers = list[tuple[str, str | tuple[str, ...]]]
+"""Questions, in a few words, each with its answer: a text, or a list, which is small and never cut."""
 
 
 def answers(record: StudyRecord) -> Answers:
@@ -173,6 +173,7 @@ def answers(record: StudyRecord) -> Answers:
         "Who answered": f"{counted(len(record.trials), 'experiment')}, "
         f"{counted(record.questions, 'comparison')} by {by}{each}{partial}.{digest}",
         "On which model": model(record),
+        "Experiment": _asked(record.scenario.brief),
         "Enough answers?": f"{promise} {record.trust}".strip()
         if promise
         else f"Not stated: {'the study was left before its end' if record.partial else only}.",
@@ -184,6 +185,12 @@ def answers(record: StudyRecord) -> Answers:
         "The way back": _back(record),
     }
     return [(question, answer) for question, answer in found.items() if answer]
+
+
+def _asked(brief: str) -> str:
+    """Return what an experiment is, by the first sentences of the brief: those that fit into two lines."""
+    ends = [k for k in (m.end() for m in re.finditer(r"\.(?=\s|$)", brief)) if k <= _BRIEF]
+    return brief[: ends[-1]] if ends else ""
 
 
 def _back(record: StudyRecord) -> str:
@@ -203,9 +210,9 @@ def unverified(record: StudyRecord, why: str = "") -> Answers:
 
 
 def _verdicts(verified: Verified) -> dict[str, str]:
-    """Return both verdicts, what to do next, the worst run, and what hurts most."""
-    margins = f"{verified.margins_kept} {_margins(verified.margins, verified.basis)}"
-    found = {"Other plants": f"{verified.statement} {verified.limits_kept}", "Margins": margins.strip()}
+    """Return what the verdict rests on, what to do next, the worst run, and what hurts most."""
+    margins = _margins(verified.margins, verified.basis)
+    found = {"Other plants": f"{verified.statement} {verified.limits_kept}", "Margins": margins}
     if verified.advice:
         found["What next"] = _sentences(verified.advice)
     for worst in verified.worst[:1]:
@@ -216,11 +223,31 @@ def _verdicts(verified: Verified) -> dict[str, str]:
 
 def verified_answers(verified: Verified) -> Answers:
     """Return what was verified, what varied, and what nobody looked at, in words for one page."""
-    found = _verdicts(verified)
+    found: Answers = [*_verdicts(verified).items()]
+    if verified.runs:
+        spans = tuple(f"{name}: {low} to {high}" for name, _, _, low, high, *_ in verified.kpis)
+        found.append(("KPIs, 5 to 95 %", spans))
     rows = (f"{name} {span}{f' ({kind})' * (kind != USUAL)}" for name, span, kind in verified.varied)
-    found["Varied"] = f"{'; '.join(rows) or 'nothing'}. Beyond these ranges: {_UNKNOWN}."
-    found["Not varied"] = f"{'; '.join(what for what, _ in verified.left_out)}. Why: report.html."
-    return list(found.items())
+    found.append(("Varied", (*rows, f"beyond these ranges: {_UNKNOWN}")))
+    left_out = "; ".join(what for what, _ in verified.left_out)
+    return [*found, ("Not varied", f"{left_out}. Why: report.html.")]
+
+
+def verdict_of(record: StudyRecord, verified: Verified | str | None = None) -> str:
+    """Return the verdict above the tables of the sheet, of a study and what was verified of it."""
+    if isinstance(verified, Verified):
+        return verified.verdict
+    assert record.best is not None
+    missed = [kpi.title for kpi in record.kpis if kpi.met_by(record.best.experiment) is False]
+    lost = (
+        f"Does not hold: {', '.join(missed)}, required of the experiment itself, not kept. " if missed else ""
+    )
+    return f"{lost}Not verified on other plants than the modeled one: run prefcal verify best.json."
+
+
+def top(verdict: str) -> str:
+    """Return the verdict above the tables of the sheet, as HTML."""
+    return f'<!-- verdict --><p class="verdict">{symbols_in(verdict)}</p><!-- end -->'
 
 
 def verified_tables(verified: Verified) -> dict[str, list[dict[str, Any]]]:
@@ -247,9 +274,10 @@ def _in_report(verified: Verified | str | None, loop: bytes) -> str:
         made = parts.answers([("Other plants", f"{_RUN} {verified}." if verified else _RUN)])
     else:
         each = (t for group in verified_tables(verified).values() for t in group)
-        made = parts.answers(_verdicts(verified).items()) + Markup().join(map(tables.table, each))
+        answered = [("Verdict", verified.verdict), *_verdicts(verified).items()]
+        made = parts.answers(answered) + Markup().join(map(tables.table, each))
     drawn = parts.image("Open loop", data_uri(loop), _LOOP_ALT) if loop else ""
-    return f"<!-- verified 0 -->{made}{drawn}<!-- end -->"
+    return f"<!-- verified -->{made}{drawn}<!-- end -->"
 
 
 def _sentences(texts: Sequence[str]) -> str:
@@ -264,40 +292,11 @@ def _margins(rows: Sequence[Sequence[str]], basis: str) -> str:
     return _sentences([f"{', '.join(words)}: {basis}"])
 
 
-def fit(found: Answers, room: float, rest: str, lines: int = 2) -> Answers:
-    """Return answers in `room` mm: the longest are cut, to `lines` at least, and the file `rest` has all."""
-    most = max((len(answer) for _, answer in found), default=0)
-    cut = found
-    while _height_of(cut) > room and most > lines * _WIDE:
-        most = max(most - _WIDE, lines * _WIDE)
-        cut = [(question, _short(answer, most, rest)) for question, answer in found]
-    return cut
-
-
-def _short(text: str, most: int, rest: str) -> str:
-    return text if len(text) <= most else f"{text[: most - 30].rsplit(' ', 1)[0]} … ({rest} has all)"
-
-
-def _height_of(found: Answers) -> float:
-    """Return the height of answers in mm."""
-    return LINE * sum(1 + len(answer) // _WIDE for _, answer in found)
-
-
-def left(room: float, holds: Answers) -> float:
-    """Return the height that curves may have beside these answers, in mm; 0 if that is too little."""
-    height = room - _height_of(holds)
-    return height if height >= _LOW else 0.0
-
-
-def section(holds: Answers, room: float, loop: bytes = b"") -> str:
-    """Return the part of the sheet that a verification changes, as HTML; it and curves have `room` mm."""
+def section(holds: Answers, loop: bytes = b"") -> str:
+    """Return the part of the sheet that a verification changes, as HTML."""
     template: Any = environment().get_template("report/parts.html.j2").module
-    height = left(room, holds)
-    style = f"<style>figure img {{ max-height: {height:.0f}mm; }}</style>"
     drawn = f'<figure class="loop"><img src="{data_uri(loop)}" alt="{_LOOP_ALT}"></figure>' if loop else ""
-    if loop and not height:
-        holds, drawn = [*holds, ("Open loop", f"No room is left here: see {REPORT}.")], ""
-    return f"<!-- verified {room:.0f} -->{style}{template.answers(holds)}{drawn}<!-- end -->"
+    return f"<!-- verified -->{template.answers(holds)}{drawn}<!-- end -->"
 
 
 def refresh(folder: Path) -> None:
@@ -311,8 +310,8 @@ def refresh(folder: Path) -> None:
     if verified is None:
         return
     loop = _drawn_in(folder)
-    _renew(folder / FILE, lambda room: section(_holds(verified, room), room, loop))
-    _renew(folder / REPORT, lambda _: _in_report(verified, loop))
+    _renew(folder / FILE, section(verified_answers(verified), loop), top(verified.verdict))
+    _renew(folder / REPORT, _in_report(verified, loop))
 
 
 def _drawn_in(folder: Path) -> bytes:
@@ -320,25 +319,16 @@ def _drawn_in(folder: Path) -> bytes:
     return (folder / LOOP).read_bytes() if (folder / LOOP).is_file() else b""
 
 
-def _holds(verified: Verified, room: float) -> Answers:
-    """Return what was verified, in `room` mm: what varied gives way to curves, and curves to verdicts."""
-    *verdicts, varied, others = verified_answers(verified)
-    rest = room - _LOW
-    found = [*verdicts, *fit([varied, others], rest - _height_of(verdicts), VERIFICATION)]
-    beside = fit(found, rest, VERIFICATION, lines=3)
-    return beside if left(room, beside) else fit(found, room, VERIFICATION)
-
-
-def _renew(path: Path, made: Callable[[float], str]) -> None:
-    """Write the part of a file anew that a verification changes, given its room in mm."""
+def _renew(path: Path, made: str, verdict: str = "") -> None:
+    """Write the parts of a file anew that a verification changes."""
     if path.is_file():
-        text = path.read_text(encoding="utf-8")
-        put(path, _PART.sub(lambda part: made(float(part[1])), text, count=1).encode())
+        text = _TOP.sub(lambda _: verdict, path.read_text(encoding="utf-8"), count=1)
+        put(path, _PART.sub(lambda _: made, text, count=1).encode())
 
 
 # --- Verify the tuning of a best.json; what came of it stays beside it, and on the acceptance sheet.
 
-_VERDICTS = {True: "acceptable", False: "not acceptable"}
+_VERDICTS = {True: "acceptable", False: REFUSED}
 
 
 def verify_best(
@@ -349,6 +339,7 @@ def verify_best(
     jobs: int | None = None,
     timeout: float | None = None,
     progress: Progress | bool = False,
+    clock: Callable[[tzinfo], datetime] = datetime.now,
 ) -> Verified:
     """Return what came of varying the plant of a best.json, written durably beside it.
 
@@ -359,6 +350,7 @@ def verify_best(
         jobs: Number of processes, as for `verify`.
         timeout: Time limit of each run in seconds; None for that of a study, an hour.
         progress: As for `simulate_many`.
+        clock: Function of a time zone that returns the time, for the date of the verdict.
 
     Raises:
         PrefcalError: If the file or a range does not fit, the folder cannot be written, or nothing of the
@@ -386,10 +378,10 @@ def verify_best(
             timeout=timeout,
             progress=progress,
         )
-    return _kept(found, tuning, best, timeout)
+    return _kept(found, tuning, best, timeout, f"{clock(UTC):%Y-%m-%d %H:%M} UTC")
 
 
-def _kept(found: Verification, tuning: BestTuning, best: Path, timeout: float | None) -> Verified:
+def _kept(found: Verification, tuning: BestTuning, best: Path, timeout: float | None, at: str) -> Verified:
     """Write what a verification says, with earlier verdicts on the same runs, and draw its worst runs."""
     if found.planned and not found.runs:
         raise ScenarioError("stopped before a random run was completed, so nothing is written")
@@ -400,13 +392,13 @@ def _kept(found: Verification, tuning: BestTuning, best: Path, timeout: float | 
     limits = {kpi.name: float(f"{limit:.4g}") for kpi, limit, _ in found.usual}
     how = limits_in(tuning.source, found.kpis, limits) if limits else ""
     judged, stated = _judged(said.worst, best.parent), f"{said.limits_kept} {how}".strip()
-    said = replace(said, worst=judged, limits_kept=stated)
+    said = replace(said, worst=judged, limits_kept=stated, at=at)
     said.write(best.parent)
     _keep_loop(best.parent, tuning.scenario, [each.margins for each in (found.tuning, found.before) if each])
     for stale in best.parent.glob("worst_run_*.png"):
         stale.unlink(missing_ok=True)
     with suppress(Exception):  # what cannot run again has no picture
-        for rank, drawn in _drawn(tuning, found.worst(), timeout):
+        for rank, drawn in _drawn(tuning, found.worst(), said.worst, timeout):
             put(best.parent / picture(rank), drawn)
     refresh(best.parent)
     return said
@@ -445,34 +437,29 @@ def judge(folder: Path, worst: int, *, acceptable: bool) -> Verified:
 
 
 def _drawn(
-    tuning: BestTuning, worst: Sequence[VerifiedRun], timeout: float | None
+    tuning: BestTuning, worst: Sequence[VerifiedRun], said: Sequence[WorstRun], timeout: float | None
 ) -> Iterator[tuple[int, bytes]]:
     """Yield number and PNG of the worst runs that did not fail, beside nominal ones of the same seed."""
     shown = [(rank, run) for rank, run in enumerate(worst) if run.end is not End.FAILED]
     runs = [each for _, run in shown for each in (replace(run, values={}), run)]
     made = replays(tuning.scenario, tuning.theta, runs, timeout) if runs else []
-    for (rank, run), nominal, varied in zip(shown, made[::2], made[1::2], strict=True):
-        labels, words = ("nominal", f"worst run {rank + 1}"), f"Worst run {rank + 1}: {run.words}."
-        yield rank, png(figure(tuning.scenario, nominal, varied, labels, own=True, below=words))
+    for (rank, _), nominal, varied in zip(shown, made[::2], made[1::2], strict=True):
+        labels, words = ("nominal", f"worst run {rank + 1}"), f"{said[rank].words}: {said[rank].text}."
+        below = f"Worst run {rank + 1}: {words}"
+        yield rank, png(figure(tuning.scenario, nominal, varied, labels, own=True, below=below))
 
 
-# --- Fill in the acceptance sheet of a study: one page, before and after, with lines to sign.
+# --- Fill in the acceptance sheet of a study: before and after on one or two pages, with lines to sign.
 
-_MOST_ROWS, _LEAST, _FEW = 12, 8, 3
-"""Largest number of knobs, and of KPIs with limits, for which one page has room; how much of it
-belongs to KPIs, and how many KPIs stay on a page that is too full."""
-_LINE = (46, 20, 16)  # characters of a name, limits and a value that stay on a line of a table
-_PAGE, _ROW, _MORE = 203.0, 3.8, 3.4
-"""Height of a page without headings and lines to sign, of a row, and of a further line in it, in mm."""
-_TALL, _INCH = 125.0, 25.4  # largest height of curves with what follows them, and of an inch, in mm
-_BESIDE = 112.0  # width of curves beside the open loop, in mm
-_PANELS, _PANEL = 3, 18.0  # largest number of panels for which one page has room, and height of one, in mm
+_MOST_ROWS, _LIMITS = 16, 4  # largest number of knobs, and of KPIs with limits; how many of them are limits
+_HIGH, _BESIDE, _INCH, _PANELS = (62.0, 80.0), 112.0, 25.4, 3
+"""Height of curves beside the open loop and alone, width beside it, an inch, in mm; most panels."""
 _KPI = ("title", "objective", "before", "after", "unit", "met")  # what the sheet says of a KPI
 _NEAR = 1e-6  # share of its size by which a value may miss a limit and still count as being at it
 
 
 def sheet(record: StudyRecord, verified: Verified | str | None = None, loop: bytes = b"") -> str:
-    """Return the text of the sheet, a self-contained page that prints on one A4 or Letter page.
+    """Return the text of the sheet, which prints on one or two A4 or Letter pages.
 
     Args:
         record: Record of the study.
@@ -482,18 +469,22 @@ def sheet(record: StudyRecord, verified: Verified | str | None = None, loop: byt
     Raises:
         ScenarioError: If a panel of the scenario does not exist in an experiment.
     """
-    content = sheet_of(record)
-    room = min(round(content["room"]), _TALL)  # as the page keeps it
-    holds = _holds(verified, room) if isinstance(verified, Verified) else unverified(record, verified or "")
-    height = left(room, holds)
-    size = height, WIDTH * _INCH
-    if loop or plant_of(record.scenario.source) is not None:
-        # What is not verified yet will take room from the curves, and add the open loop beside them.
-        size = height if isinstance(verified, Verified) else (height + _LOW) / 2, _BESIDE
-    picture = _curves(record, *size) if height else b""
-    curves, made = picture and data_uri(picture), Markup(section(holds, room, loop))
+    if isinstance(verified, Verified):
+        holds = verified_answers(verified)
+    else:
+        holds = unverified(record, verified or "")
+    # What is not verified yet will add the open loop beside the curves.
+    narrow = loop or plant_of(record.scenario.source) is not None
+    size = (_HIGH[0], _BESIDE) if narrow else (_HIGH[1], WIDTH * _INCH)
+    picture = _curves(record, *size)
     template = environment().get_template("report/acceptance.html.j2")
-    return template.render(record=record, sheet=content, holds=made, curves=curves)
+    return template.render(
+        record=record,
+        sheet=sheet_of(record),
+        verdict=Markup(top(verdict_of(record, verified))),
+        holds=Markup(section(holds, loop)),
+        curves=picture and data_uri(picture),
+    )
 
 
 def sheet_of(record: StudyRecord) -> dict[str, Any]:
@@ -502,22 +493,21 @@ def sheet_of(record: StudyRecord) -> dict[str, Any]:
     Returns:
         `of`: name and dates of the study, which follow "Acceptance sheet"; `answers`: what is asked;
         `knobs`: table of the knobs, and of a PID in its parallel form; `kpis`: table of the KPIs,
-        largest change first, of limits kept, and how the runs ended; `more_knobs`, `more_kpis`:
-        numbers of those for which the page has no room; `room`: what is left of it in mm.
+        what decided first, of limits kept, and how the runs ended; `more_knobs`, `more_kpis`:
+        numbers of those for which the page has no room.
     """
     before, after = record.before, record.result
-    knobs, kpis = list(_knobs(record)), [_row(*(kpi[name] for name in _KPI)) for kpi in gain_rows(record)]
+    gains = gain_rows(record)
+    knobs, kpis = list(_knobs(record)), [_row(*(kpi[name] for name in _KPI)) for kpi in gains]
+    # What decided comes first, as on the page, and with limits goes last.
+    decided = [kpis[k] for k in first_rows(gains)]
+    kpis = [*decided, *(each for each in kpis if each not in decided)]
     kept = limits_kept(before.experiment, after.experiment, resting(record.scenario))
-    limits = list(kept)[: _MOST_ROWS - _LEAST]
+    limits = list(kept)[:_LIMITS]
     limits.append(_row("run ended", "", before.experiment.end.value, after.experiment.end.value))
-    room = _PAGE - _height(knobs[:_MOST_ROWS]) - _height(limits) - 2 * _ROW  # for what has no room
-    asked = fit(answers(record), room - _ROW * _FEW - LINE * MOST_VERIFIED, REPORT)
-    room -= _height_of(asked)
-    shown = list(kpis)
-    while len(shown) > _MOST_ROWS - len(limits) or (
-        _height(shown) > room - LINE * MOST_VERIFIED - _LOW and len(shown) > _FEW
-    ):
-        shown = foremost(kpis, len(shown) - 1, lambda kpi: kpi["cells"][0]["text"] != "–")
+    shown = foremost(
+        kpis, _MOST_ROWS - len(limits), lambda kpi: kpi in decided or kpi["cells"][0]["text"] != "–"
+    )
     heads = [record.baseline, f"experiment {after.number}", "unit"]
     rows, columns = [*shown, *limits], ["KPI", "required", *heads, "met"]
     when = record.origin.get("when (UTC)")
@@ -529,22 +519,8 @@ def sheet_of(record: StudyRecord) -> dict[str, Any]:
         "kpis": table("Key performance indicators", columns, rows, kind="sheet"),
         "more_knobs": len(knobs[_MOST_ROWS:]),
         "more_kpis": len(kpis) - len(shown),
-        "answers": asked,
-        "room": room - _height(shown),
+        "answers": answers(record),
     }
-
-
-def _height(rows: Sequence[dict[str, Any]]) -> float:
-    """Return the height of rows of a table in mm."""
-    name, other, value = _LINE
-    more = sum(
-        max(
-            len(each["name"]) // name,
-            *(len(c["text"]) // (value if c["kind"] == "best" else other) for c in each["cells"]),
-        )
-        for each in rows
-    )
-    return _ROW * len(rows) + _MORE * more
 
 
 def _row(
@@ -563,7 +539,7 @@ def _knobs(record: StudyRecord) -> Iterator[dict[str, Any]]:
         (
             knob.name,
             f"{number(knob.low)} to {number(knob.high)}",
-            *(knob_number(knob, e.theta[i]) for e in (before, after)),
+            *(exact_number(float(e.theta[i])) for e in (before, after)),
             knob.unit,
         )
         for i, knob in enumerate(record.scenario.space)
@@ -656,9 +632,9 @@ def _curves(record: StudyRecord, height: float, width: float) -> bytes:
     Raises:
         ScenarioError: If a panel of the scenario does not exist in an experiment.
     """
-    panels, high, wide = max(min(int(height / _PANEL), _PANELS), 1), height / _INCH, width / _INCH
+    most, wide = height / _INCH, width / _INCH
     with style():
-        drawn = best_against(record, references=False, panels=panels, most=high, width=wide)
+        drawn = best_against(record, references=False, panels=_PANELS, most=most, width=wide)
         return b"" if drawn is None else png(drawn)
 
 

@@ -54,7 +54,7 @@ from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.study import State
 from prefcal_scenarios.runs import WORST
 from prefcal_scenarios.scenario import KPI, Scenario, panels_of
-from prefcal_scenarios.wording import MISSING, knob_number, number
+from prefcal_scenarios.wording import MISSING, exact_number, number
 
 from . import question
 from .question import Seen, question_view, theta_texts, theta_view
@@ -349,7 +349,8 @@ def _gain(interview: Interview, best: int, now: Now, seen: Seen) -> dict[str, An
     both = interview.past.experiment(0), interview.past.experiment(best)
     scenario = interview.scenario
     rows = gained(*both, scenario.shown_kpis, seen.look(interview).spread)
-    found = gain_view(baseline_of(now.state), best, rows, theta_view(scenario.space, both[0]))
+    before = theta_view(scenario.space, both[0], exact=True)
+    found = gain_view(baseline_of(now.state), best, rows, before)
     return {**found, "curves": curves_of_both(*both, scenario)}
 
 
@@ -416,13 +417,13 @@ def gain_view(
         "none": f"No experiment was better than the {baseline}: experiment {best + 1} is still the best.",
         "same": best == 0,
         "table": question.table("What was gained", heads, lines, caption),
-        "first": _first(rows),
+        "first": first_rows(rows),
         "before": before if best and baseline != FIRST else [],
         "back": f"To go back, set the values of the {baseline}; best.json has them, too.",
     }
 
 
-def _first(rows: Sequence[Mapping[str, Any]]) -> list[int]:
+def first_rows(rows: Sequence[Mapping[str, Any]]) -> list[int]:
     """Return the rows that are shown before all others: the largest gains, and what they cost most."""
     better, worse = ([k for k, row in enumerate(rows) if row["verdict"] == v] for v in ("better", "worse"))
     return sorted(better[:3] + worse[:1]) or list(range(len(rows)))[:3]
@@ -486,7 +487,7 @@ def pid_rows(
 
     def text(p: PIDParameter) -> str:
         knob = knobs.get(p.name.partition(" ")[0])  # "b (set-point weight of K_p)"
-        return number(p.value) if knob is None else knob_number(knob, p.value)
+        return number(p.value) if knob is None else exact_number(p.value)
 
     new, old = ({p.name: p for p in pid_forms(of, units, time_unit)} for of in (best, before))
     if not new:

@@ -219,7 +219,7 @@ def best_view(interview: Interview, now: Now) -> Any:
     return {
         **numbers_view(experiment, scenario.shown_kpis),
         "number": now.incumbent + 1,
-        "theta": theta_view(scenario.space, experiment),
+        "theta": theta_view(scenario.space, experiment, exact=True),
         "copy": _exact(scenario, experiment.theta),
         "marks": marks_of(now.state, now.incumbent, now.state.history.interrupted),
     }

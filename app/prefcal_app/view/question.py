@@ -21,6 +21,7 @@ from prefcal_scenarios.scenario import KPI, Scenario, panels_of
 from prefcal_scenarios.wording import (
     counted,
     ended_text,
+    exact_number,
     knob_number,
     limits_text,
     meaning,
@@ -577,14 +578,23 @@ def knob_view(knob: Knob) -> dict[str, Any]:
 
 
 def theta_view(
-    space: KnobSpace, experiment: Experiment, other: Experiment | None = None
+    space: KnobSpace, experiment: Experiment, other: Experiment | None = None, *, exact: bool = False
 ) -> list[dict[str, Any]]:
-    """Return θ with units, and whether each value as shown differs from that of `other`."""
+    """Return θ with units, and whether each value as shown differs from that of `other`.
+
+    With `exact` it has the digits of the exported one, as a result has.
+    """
     texts = theta_texts(space, experiment.theta)
     others = texts if other is None else theta_texts(space, other.theta)
     return [
-        {"name": k.name, "about": k.about, "unit": k.unit, "text": text, "differs": text != its}
-        for k, text, its in zip(space.knobs, texts, others, strict=True)
+        {
+            "name": k.name,
+            "about": k.about,
+            "unit": k.unit,
+            "text": exact_number(value) if exact else text,
+            "differs": text != its,
+        }
+        for k, value, text, its in zip(space.knobs, experiment.theta.tolist(), texts, others, strict=True)
     ]
 
 

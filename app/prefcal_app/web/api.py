@@ -368,6 +368,7 @@ def _view(said: "verification.result.Verified", folder: Path) -> dict[str, Any]:
     """Return what a verification says, for the page; pictures are in a folder."""
     return {
         "best": said.best,
+        "verdict": said.verdict,
         "statement": said.statement,
         "limits": said.limits_kept,
         "margins": said.margins_kept,

@@ -19,7 +19,7 @@ from prefcal_env.plants.systems import LinearSystem
 from prefcal_scenarios.scenario import Scenario
 
 from .design import Design, design, settling
-from .steps import Factors, plant_of, scenario_of_steps, space_of, theta_of
+from .steps import Factors, name_of, plant_of, scenario_of_steps, space_of, theta_of
 
 _TIMES = (5, 10, 20, 50, 100, 200)
 """Ratios of the weights of error and integrated error to try, as times, in samples."""
@@ -66,7 +66,7 @@ def lqr_scenario(
         space,
         name="lqr",
         brief=brief,
-        title=title or f"LQR of {plant.name}",
+        title=title or f"LQR of {name_of(plant, found)}",
         references={"robust": theta_of(space, found.middle / factors)},
     )
 

@@ -17,7 +17,7 @@ from prefcal_env.units import conversion, plain
 from prefcal_scenarios.scenario import Scenario
 
 from .design import SAMPLES, Design, Single, design, settling
-from .steps import Factors, plant_of, scenario_of_steps, space_of, theta_of
+from .steps import Factors, name_of, plant_of, scenario_of_steps, space_of, theta_of
 
 N = 10.0
 """Filter of the derivative part: its largest gain relative to K_p."""
@@ -86,7 +86,7 @@ def pid_scenario(
         PIDs.of(found, factors),
         space,
         name="pid",
-        title=title or f"PID of {plant.name}",
+        title=title or f"PID of {name_of(plant, found)}",
         references=references,
         brief=brief,
     )

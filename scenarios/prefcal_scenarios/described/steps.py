@@ -221,6 +221,17 @@ def theta_of(space: KnobSpace, values: Float[np.ndarray, " n"]) -> Float[np.ndar
     return np.array([knob.round(min(max(v, knob.low), knob.high)) for knob, v in pairs])
 
 
+def name_of(plant: Plant, found: Design) -> str:
+    """Return the name of a plant, or if nobody gave one, what is controlled by what."""
+    if plant.name != "plant":
+        return plant.name
+    outputs, inputs = (
+        (plant.outputs[k.output].name for k in found.loops),
+        (k.channel.name for k in found.loops),
+    )
+    return f"{', '.join(outputs)} by {', '.join(inputs)}"
+
+
 def scenario_of_steps(plant: Plant, found: Design, laws: Laws, space: KnobSpace, **said: Any) -> Scenario:
     """Return the scenario of a plant and its controllers.
 

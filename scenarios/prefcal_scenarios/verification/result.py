@@ -14,6 +14,7 @@ from scipy.special import betaincinv
 from prefcal_env.controllers.margins import UNCONSTRAINED, UNSTABLE, Margins, margins
 from prefcal_env.disk import digest_of, write_durably
 from prefcal_env.envs.task import Task
+from prefcal_env.envs.varied_loop import STEPPED
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import End
 from prefcal_env.plain import from_plain, to_plain
@@ -196,6 +197,22 @@ class Verification:
         return "end safely" + (" and reach what the nominal run reaches" if finite else "")
 
     @property
+    def headline(self) -> str:
+        """Return whether it holds: what is stated decides; if nothing is, usual limits are counted."""
+        own, count, loop = self.tuning.nominal, len(self.runs), self.tuning.margins
+        lost = [k for k in self.kpis if k.margin and k.met(k.read(own.kpis.get(k.name, np.nan))) is False]
+        held = f"{count - len(self.failed)} of {count} runs {self.asked}." if count else ""
+        if self.failed or own.problems or loop == UNSTABLE:
+            said = f"Does not hold: {held or f'{own.words}.'}"
+        elif not count:
+            return self.statement
+        else:
+            holds = "Holds" if breakable(self.kpis) else "Not judged, since no limit on runs is stated"
+            said = f"{holds}{', but a stated margin is missed' if lost else ''}: {held}"
+        usual = "; ".join(self._offered(*each) for each in self.usual)
+        return f"{said}{f' Usual limits: {usual}.' if usual and count else ''} {self.margin_verdict}".rstrip()
+
+    @property
     def statement(self) -> str:
         """Return how sure it is that the tuning holds, in a sentence."""
         count = len(self.runs)
@@ -223,13 +240,12 @@ class Verification:
 
     @property
     def limits(self) -> str:
-        """Return what a run is judged by, in a sentence, and limits that are usual if none is stated."""
+        """Return what a run is judged by, in a sentence."""
         aims = [kpi.title for kpi in breakable(self.kpis)]
         stated = f"Stated limits: a safe end, the objectives of {', '.join(aims)}, and nothing"
         if not aims:
             stated = "No limit that a run can break is stated. What counts: a safe end, and nothing"
-        usual = [self._offered(*each) for each in self.usual]
-        offers = f" Usual are {'; '.join(usual)}: state them as objectives of the KPIs." if usual else ""
+        offers = " State the usual limits as objectives of the KPIs." if self.usual else ""
         own = self.tuning.nominal
         nominal = f"The nominal run: {own.words}." if own.problems else "The nominal run holds."
         return f"{stated} infinite that is finite nominally. {nominal}{offers}"
@@ -242,7 +258,7 @@ class Verification:
     def _offered(self, kpi: KPI, limit: float, why: str) -> str:
         kept = sum(run.kpis.get(kpi.name, np.inf) <= limit for run in self.runs)
         most = quantity(limit, kpi.unit)
-        return f"{kpi.title} at most {most}{why}, which {kept} of {len(self.runs)} runs keep"
+        return f"{kpi.title} at most {most}{why}: {kept} of {len(self.runs)} runs"
 
     def _usual(self) -> Iterator[tuple[KPI, float, str]]:
         for kpi in self.kpis:
@@ -423,7 +439,9 @@ VARIED, USUAL = ("what varied", "between", "range is"), "usual"
 """Headings of the rows of what varied: name, range with its unit, and whether it is the usual one."""
 NOT_VARIED = ("what was not varied", "why")
 """Headings of the rows of what did not vary."""
-_NAMED = 6  # number of values of a run that are named
+REFUSED = "not acceptable"
+"""Verdict of a person on a worst run that speaks against the tuning."""
+_NAMED = 8  # number of values of a run that are named
 
 
 @dataclass(frozen=True, slots=True)
@@ -431,8 +449,8 @@ class WorstRun:
     """One of the worst random runs."""
 
     words: str  # which stated limits it loses, or that it holds
-    # values that differ from the nominal ones, by name, the one that moved most within
-    # its range first
+    # values that differ from the nominal ones, by name: those of the step first, which a
+    # picture shows, then the one that moved most within its range
     values: dict[str, float]
     seed: int  # seed of the run
     verdict: str = ""  # "acceptable" or "not acceptable"; "" if nobody was asked
@@ -442,8 +460,9 @@ class WorstRun:
     def of(cls, run: VerifiedRun, factors: Sequence[Factor]) -> "WorstRun":
         """Return one of the worst runs, with the factors that varied."""
 
-        def moved(f: Factor) -> float:
-            return abs(run.values[f.name] - f.nominal) / max(f.high - f.nominal, f.nominal - f.low)
+        def moved(f: Factor) -> tuple[bool, float]:
+            share = abs(run.values[f.name] - f.nominal) / max(f.high - f.nominal, f.nominal - f.low)
+            return f.name in STEPPED and share > 0, share
 
         values = {f.name: run.values[f.name] for f in sorted(factors, key=moved, reverse=True)}
         words = run.words if run.problems else f"most different from nominal, but {run.words}"
@@ -462,6 +481,7 @@ class WorstRun:
 class Verified:
     """What a verification says. Texts are as people read them; "–" is unknown."""
 
+    headline: str  # whether it holds, how many runs do, usual limits if none is stated, margins
     statement: str  # how sure it is that the limits are kept, in a sentence
     limits_kept: str  # what a run is judged by, in a sentence
     margins_kept: str  # whether the nominal loop keeps limits on margins, in a sentence; "" if unknown
@@ -485,6 +505,7 @@ class Verified:
     scenario: str  # name of the scenario
     version: str  # version of prefcal
     best: str  # SHA-256 of the best.json, in hexadecimal digits
+    at: str = field(default="", compare=False)  # date, in ISO 8601; "" if nobody said
 
     @classmethod
     def of(
@@ -507,6 +528,7 @@ class Verified:
             compared = ""
         alone = f" Stopped before the {baseline} ran on these plants." if left else ""
         return cls(
+            headline=found.headline,
             statement=found.statement + compared + alone,
             limits_kept=found.limits,
             margins_kept=found.margin_verdict,
@@ -527,6 +549,15 @@ class Verified:
             version=version,
             best=best,
         )
+
+    @property
+    def verdict(self) -> str:
+        """Return the headline, with a person's verdicts against worst runs, and the date."""
+        refused = sum(each.verdict == REFUSED for each in self.worst)
+        judged = (
+            f" A person found {refused} of the {len(self.worst)} worst runs {REFUSED}." if refused else ""
+        )
+        return f"{self.headline}{judged}{f' Verified {self.at}.' if self.at else ''}"
 
     @property
     def kpi_columns(self) -> tuple[str, ...]:

@@ -12,17 +12,18 @@ from prefcal_app.report.record import StudyRecord
 from prefcal_app.report.write import (
     FILE,
     answers,
-    fit,
     page,
     refresh,
     sheet,
     unverified,
+    verdict_of,
     verified_answers,
     write_report,
 )
 from prefcal_app.summary import Outlook
 from prefcal_env.disk import digest_of
 from prefcal_scenarios.catalog import load
+from prefcal_scenarios.scenario import KPI
 from prefcal_scenarios.verification.result import BEST
 from support.verified import FOUND
 from toy_study import toy_record
@@ -122,13 +123,16 @@ def test_a_damaged_verification_is_none_and_the_sheet_says_so(tmp_path, content)
 def test_what_was_verified_is_said_with_what_was_not():
     found = dict(verified_answers(FOUND))
     assert found["Margins"] == (
-        "Margins of the nominal loop: maximum sensitivity M_s 1.7, required ≤ 2: kept. Gain margin [dB] 12 "
-        "(before 8), phase margin [°] 60 (before 44): the unconstrained law."
+        "Gain margin [dB] 12 (before 8), phase margin [°] 60 (before 44): the unconstrained law."
     )
     assert found["Other plants"] == "298 of 299 runs keep the stated limits. Stated limits: a safe end."
     assert found["What next"].startswith("Relax the limit of overshoot: with ≤ 9 %")
     assert found["Worst run"] == "settling time misses its objective (acceptable): dead time 7.1."
-    assert found["Varied"].endswith("noise of the sensors 0 to 0.2 %. Beyond these ranges: not verified.")
+    assert found["Varied"] == (
+        "dead time 4.8 to 7.2 s (stated)",
+        "noise of the sensors 0 to 0.2 %",
+        "beyond these ranges: not verified",
+    )
     assert found["Not varied"] == (
         "sampling jitter; what the model lacks, such as a resonance; other loops, also with a wrong sign; "
         "actuators that differ up and down, or stick; failures of sensors and actuators. Why: report.html."
@@ -152,7 +156,7 @@ def test_a_verification_completes_the_sheet(folder):
         replace(FOUND, best=digest_of(folder / BEST)).write(folder)
         refresh(folder)
         text = (folder / FILE).read_text()
-        assert text.count("298 of 299 runs") == 1
+        assert text.count("298 of 299 runs") == 2  # the verdict, and what it rests on
         assert "not verified: other gains" not in text
     (folder / BEST).write_text("{}")
     refresh(folder)
@@ -164,17 +168,51 @@ def test_a_folder_without_a_sheet_gets_none(tmp_path):
     assert not (tmp_path / FILE).exists()
 
 
-def test_what_has_no_room_is_cut_the_longest_first_and_never_where_all_fits():
-    found = [("Who", "a " * 50), ("Why", "words " * 200)]
-    assert fit(found, 100.0, "report.html") == found
-    (_, who), (_, why) = fit(found, 20.0, "report.html")
-    assert who == found[0][1]
-    assert why.endswith(" … (report.html has all)")
-    assert found[1][1].startswith(why.partition(" …")[0])
-    (_, shorter) = fit(found, 10.0, "report.html")[1]
-    assert len(shorter) < len(why)
-    (_, least) = fit([("Why", "word " * 65)], 0.0, "report.html", lines=3)[0]
-    assert len(least) > 2 * 107, "three lines of some 107 characters are kept"
+def test_the_verdict_stands_above_the_tables_and_is_that_of_page_and_terminal(folder):
+    first = (folder / FILE).read_text()
+    assert '<p class="verdict">Not verified on other plants than the modeled one' in first
+    judged = replace(FOUND.worst[0], verdict="not acceptable")
+    said = replace(FOUND, worst=(judged,), at="2026-11-29 12:32 UTC", best=digest_of(folder / BEST))
+    assert said.verdict == (
+        "Does not hold: 298 of 299 runs keep the stated limits. A person found 1 of the 1 worst runs not "
+        "acceptable. Verified 2026-11-29 12:32 UTC."
+    )
+    said.write(folder)
+    refresh(folder)
+    text = (folder / FILE).read_text()
+    assert text.index(said.verdict) < text.index("Controller parameters")
+    assert text.count('class="verdict"') == 1
+    assert "Not verified on other plants" not in text
+
+
+def test_a_sheet_whose_own_run_misses_what_is_required_says_so_before_anything_is_verified():
+    record = toy_record()
+    name, value = next(iter(record.best.experiment.kpis.items()))
+    kpis = (KPI(name, "peak", at_most=value - 1.0),)
+    missed = replace(record, scenario=replace(record.scenario, kpis=kpis))
+    assert verdict_of(missed).startswith("Does not hold: peak, required of the experiment itself, not kept.")
+    assert verdict_of(record).startswith("Not verified")
+
+
+def test_nothing_of_what_varied_is_cut_and_the_ranges_of_kpis_stand_beside_it(folder):
+    varied = tuple((f"factor {k}", "0.9 to 1.1", "stated") for k in range(40))
+    replace(FOUND, varied=varied, best=digest_of(folder / BEST)).write(folder)
+    refresh(folder)
+    text = (folder / FILE).read_text()
+    assert all(f"<li>factor {k} 0.9 to 1.1 (stated)</li>" in text for k in range(40))
+    assert "<li>overshoot [%]: 0 to 2</li>" in text
+    assert "has all)" not in text
+
+
+def test_the_experiment_that_was_judged_is_said_in_whole_sentences_of_the_brief():
+    record = toy_record()
+
+    def said(brief):
+        return dict(answers(replace(record, scenario=replace(record.scenario, brief=brief))))
+
+    steps = "The reference of T steps from 80 to 100.5 °C at the start. From 541 s on a load acts: 10 % on v."
+    assert said(f"{steps} {'More words ' * 20}.")["Experiment"] == steps
+    assert "Experiment" not in said("")
 
 
 def test_a_pid_is_given_as_control_systems_ask_for_it():
@@ -193,6 +231,7 @@ def test_a_pid_is_given_as_control_systems_ask_for_it():
     said = dict(answers(replace(record, scenario=scenario)))["The PID"]
     assert said.startswith("ISA form: K_p (b r − y + 1/T_i ∫(r − y) dt")
     assert "Against windup the integral also gets ∫(u − v)/T_t dt" in said
+    assert "Action: reverse (K_p > 0)." in said
     assert "Not tuned: K_p 2, T_i 10 h, T_d 3 h, b (set-point weight of K_p) 1" in said
     assert "T_s" not in said  # a knob of the toy
     assert "The PID" not in dict(answers(record))

@@ -7,7 +7,13 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from prefcal_app import figure
+from prefcal_env.experiments.experiment import Channel, End
+from prefcal_env.plants.plant import Plant
 from prefcal_scenarios import load
+from prefcal_scenarios.described.pid_scenario import pid_scenario
+from prefcal_scenarios.style import GOOD
+from prefcal_scenarios.verification.result import VerifiedRun
+from prefcal_scenarios.verification.varied_runs import replays
 from prefcal_scenarios.wording import number
 
 
@@ -40,6 +46,26 @@ def test_a_varied_plant_has_a_target_of_its_own():
             f"target {number(end)}" in axes.get_title("left") for axes in drawn.axes if axes.get_visible()
         ]
         assert sum(shown) == (1 if own else 2)
+
+
+def test_a_run_with_another_step_is_drawn_with_the_target_it_had():
+    plant = Plant.of(
+        ([1.6], [40.0, 1.0]), delay=7.0, inputs=[Channel("valve", "%", 0, 100)], outputs=[Channel("T", "°C")]
+    )
+    scenario = pid_scenario(plant, reference={"T": 100.0})
+    theta = scenario.references["robust"]
+    values = {"size of the step": 0.85, "start": 0.1, "direction": -1.0}
+    runs = [VerifiedRun(v, 0, End.TIME_UP, {}) for v in ({}, values)]
+    nominal, varied = replays(scenario, theta, runs)
+    start = nominal.output(0)[0]
+    end = start + 0.1 * (100.0 - start) - 0.85 * (100.0 - start)  # as the factors say
+    assert end != pytest.approx(100.0, abs=1.0)
+    drawn = figure(scenario, nominal, varied, ("nominal", "worst run 1"), own=True)
+    outputs = [axes for axes in drawn.axes if "T [°C]" in axes.get_title("left")]
+    titles = [axes.get_title("left") for axes in outputs]
+    assert titles == ["T [°C] · target 100", f"T [°C] · target {number(end)}"]
+    drawn_at = [line.get_ydata()[0] for axes in outputs for line in axes.lines if line.get_color() == GOOD]
+    assert drawn_at == pytest.approx([100.0, end])
 
 
 def test_three_reasons_of_a_worst_run_stand_under_curves_that_keep_their_size():

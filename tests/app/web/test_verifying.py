@@ -78,6 +78,7 @@ def test_one_verification_runs_at_a_time_and_its_result_is_shown_and_judged(page
     go.set()
     said = until(page.page(), lambda told: not told["running"])["said"]
     assert said["statement"].startswith("2 of 2 runs")
+    assert said["verdict"] == FOUND.headline
     assert said["effects"] == [f"effect {k}" for k in range(4)]
     assert [table["label"] for table in said["tables"]] == ["Stability margins", "KPIs of the varied plants"]
     assert all(

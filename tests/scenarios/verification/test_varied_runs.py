@@ -50,6 +50,7 @@ def test_numbers_among_the_arguments_of_a_run_vary_and_limits_are_counted():
     assert found.share == 1 - len(heavy) / 200
     assert heavy[0].problems == ("weight misses its objective",)
     assert f"{200 - len(heavy)} of 200 runs keep the stated limits" in found.statement
+    assert found.headline == f"Does not hold: {200 - len(heavy)} of 200 runs keep the stated limits."
     assert found.idle == ()
     first, second = found.effects
     assert (first.factor.name, first.run.values, first.worsening) == ("mass", {"mass": 0.9}, np.inf)
@@ -85,9 +86,12 @@ def test_without_a_stated_limit_it_is_said_what_counts_and_usual_limits_are_offe
     assert 0 < light < 40
     assert found.limits == (
         "No limit that a run can break is stated. What counts: a safe end, and nothing infinite that is "
-        "finite nominally. The nominal run holds. Usual are settling time at most 2 s (twice the nominal "
-        f"one), which 40 of 40 runs keep; overshoot at most 10 %, which {light} of 40 runs keep: state them "
-        "as objectives of the KPIs."
+        "finite nominally. The nominal run holds. State the usual limits as objectives of the KPIs."
+    )
+    assert found.headline == (
+        "Not judged, since no limit on runs is stated: 40 of 40 runs end safely and settle. Usual limits: "
+        "settling time at most 2 s (twice the nominal one): 40 of 40 runs; overshoot at most 10 %: "
+        f"{light} of 40 runs."
     )
     assert found.advice == ()
     assert verify(SPRING, THETA, 3, jobs=1).limits.startswith(
@@ -435,6 +439,18 @@ def test_a_run_that_raises_fails_and_says_why():
 def test_without_a_good_run_there_is_no_bound():
     found = verify(replace(SPRING, kpis=(KPI("weight", "weight", at_most=0.1),)), THETA, 3, jobs=1)
     assert found.statement == "0 of 3 runs keep the stated limits."
+    assert found.headline == "Does not hold: 0 of 3 runs keep the stated limits."
+
+
+def test_a_tuning_holds_if_all_runs_and_the_nominal_loop_keep_what_is_stated_of_them():
+    wide = (KPI("weight", "weight", at_most=9.0),)
+    found = verify(replace(SPRING, kpis=wide), THETA, 3, jobs=1)
+    assert found.headline == "Holds: 3 of 3 runs keep the stated limits."
+    assert replace(found, tuning=replace(found.tuning, runs=())).headline.startswith("Not verified: no run")
+    M_s = KPI("M_s", "maximum sensitivity M_s", at_most=2.0, margin=True)
+    nominal = replace(found.tuning.nominal, kpis={**found.tuning.nominal.kpis, "M_s": 2.5})
+    close = replace(found, kpis=(*wide, M_s), tuning=replace(found.tuning, nominal=nominal))
+    assert close.headline.startswith("Does not hold: 3 of 3 runs keep the stated limits.")
 
 
 def test_the_delay_margin_has_a_unit_and_a_controller_that_raises_has_no_margins(monkeypatch):

@@ -647,13 +647,27 @@ def test_a_worst_run_names_what_moved_most_within_its_range_with_units():
     assert worst.words == "overshoot misses its objective"
     assert worst.text == (
         "dead time 7.03 s, noise 0.00117 of the step, gain 4 1.04, gain 3 1.03, gain 2 1.02, "
-        "gain 1 1.01 and 2 others"
+        "gain 1 1.01, jitter 3.08e−05, gain 0 1"
     )
+    many = WorstRun("", {f"gain {k}": 1.0 for k in range(10)}, 3)
+    assert many.text.endswith("gain 7 1 and 2 others")
     assert WorstRun("", {"dead time": 7.1}, 3).text == "dead time 7.1"
 
 
 def test_a_worst_run_that_keeps_the_limits_is_only_the_most_different():
     assert WorstRun.of(run_of(), FACTORS).words == "most different from nominal, but holds"
+
+
+def test_a_worst_run_names_its_own_step_first_as_a_picture_shows_that():
+    factors = [
+        Factor("noise", "sensor", 0.0, 0.0, 0.002),
+        Factor("size of the step", "task", 1.0, 0.8, 1.2),
+        Factor("start", "task", 0.0, -0.5, 0.5, "of the step"),
+        Factor("direction", "task", 1.0, -1.0, 1.0, ends=True),
+    ]
+    values = {"noise": 0.002, "size of the step": 0.9, "start": -0.1, "direction": 1.0}
+    worst = WorstRun.of(VerifiedRun(values, 3, End.TIME_UP, {}), factors)
+    assert worst.text == "size of the step 0.9, start −0.1 of the step, noise 0.002, direction 1"
 
 
 @pytest.fixture

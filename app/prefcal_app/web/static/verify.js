@@ -54,10 +54,10 @@ const going = ({ done, planned }) => [el("p", {}, planned ? `${done} of ${planne
   el("p", { class: "actions" }, button("Stop and keep these", () => show(() => post("stop_verifying", {}, false))))];
 
 // Show the verdict and what it advises; all that it rests on is folded, and stays as the person left it.
-function said({ best, statement, limits, margins, advice, basis, varied, tables, effects, worst }) {
+function said({ best, verdict, statement, limits, margins, advice, basis, varied, tables, effects, worst }) {
   const tabled = (each) => [el("h5", {}, each.label), shownTable(each)];
   const list = (title, lines) => (lines.length ? [el("h5", {}, title), el("ul", { class: "plain" }, lines.map((text) => el("li", {}, symbol(text))))] : []);
-  return [el("p", { class: "statement" }, symbol(statement)), list("What to do about it", advice),
+  return [el("p", { class: "statement" }, el("strong", {}, symbol(verdict))), el("p", {}, symbol(statement)), list("What to do about it", advice),
     worst.length ? folded("worst-runs", "The worst runs, beside the nominal one: acceptable?", worst.map((each, k) => run(each, k, best))) : null,
     folded("verified", "What was varied, its margins, and what hurts most", el("p", { class: "faint" }, symbol(limits)), varied.map(tabled),
       el("h5", {}, "What margin has it?"), el("p", { class: "statement" }, symbol(margins)), el("p", { class: "faint" }, symbol(`${basis}.`)),
