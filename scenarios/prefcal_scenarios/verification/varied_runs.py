@@ -175,10 +175,9 @@ def verify(
     cases = tuple(_cases(factors, len(tunings), runs, seed, noise))
     if jobs is None and timeout is None and _seconds(found, thetas[0], clock) * len(cases) <= _QUICK:
         jobs = 1
-    varied = Variations(known.at, tuple(thetas), cases)
     limit = timeout if timeout is not None or jobs == 1 else DEFAULT_LIMIT  # a varied plant may never end
-    results = zip(cases, _done(varied, jobs, limit, progress, clock), strict=False)
-    made = [_run(found, tunings[case.which].nominal, case, result) for case, result in results]
+    done = _done(Variations(known.at, thetas, cases), jobs, limit, progress, clock)
+    made = [_run(found, tunings[c.which].nominal, c, each) for c, each in zip(cases, done, strict=False)]
     parts = made[:runs], made[runs + 2 * len(factors) :]
     tuning, *before = (replace(t, runs=tuple(p)) for t, p in zip(tunings, parts, strict=False))
     left_out = (*known.left_out, *fixed, *unfair, *UNMODELED)

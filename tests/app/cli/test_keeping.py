@@ -52,10 +52,10 @@ def test_a_study_stays_from_its_first_answer_on(prefcal, monkeypatch, ours, type
 def test_the_study_keeps_who_answered_and_the_sheet_says_it(prefcal, monkeypatch):
     start(prefcal, monkeypatch, "l\n", "--by", "Ada <Lovelace>")
     sheet = Path("prefcal-toy-1", "acceptance.html")
-    assert "1 comparisons by Ada &lt;Lovelace&gt; (" in sheet.read_text(encoding="utf-8")
+    assert "1 comparison by Ada &lt;Lovelace&gt; (" in sheet.read_text(encoding="utf-8")
     sheet.unlink()
     assert prefcal("report", "toy-1", "--scenario", TOY)[0] == 0
-    assert "1 comparisons by Ada &lt;Lovelace&gt; (" in sheet.read_text(encoding="utf-8")
+    assert "1 comparison by Ada &lt;Lovelace&gt; (" in sheet.read_text(encoding="utf-8")
 
 
 def test_experiments_of_somebody_s_own_plant_are_never_lost(prefcal, monkeypatch):
