@@ -288,9 +288,10 @@ class Verification:
             there = f" At its target, it {_usual_margins(target)}." if target else ""
         if said or isinstance(found, str):
             return f"Margins of the nominal loop: {said}.{there}" if said else ""
-        usual = ", ".join(words for words, *_ in _USUAL)
-        has = _usual_margins(found)
-        return f"No limit on a margin is stated. Usual are {usual}: the nominal loop {has}.{there}"
+        usual, has = ", ".join(words for words, *_ in _USUAL), f"{_usual_margins(found)}."
+        if there.endswith(f"it {has}"):
+            has, there = f"{has[:-1]}, also at its target.", ""
+        return f"No limit on a margin is stated. Usual are {usual}: the nominal loop {has}{there}"
 
     def _stated_margins(self, values: Mapping[str, float]) -> str:
         """Return whether margins by KPI keep the limits that are stated; "" without any."""
