@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import expit, logsumexp, ndtr, softmax
 
-from prefcal_env.knobs import theta_keys
 from prefcal_env.preferences.answer import Preference, Reading
 from prefcal_env.preferences.history import History, KPIValues
 
@@ -76,10 +75,11 @@ class Bank:
         """Return the rows of p physical θ, shape (p,). Raises KeyError if one was not simulated."""
         if not len(thetas):
             return np.zeros(0, dtype=np.int64)
-        known = {key: row for row, key in enumerate(theta_keys(self.thetas))}
-        found = [known.get(key, -1) for key in theta_keys(np.array(thetas, dtype=float))]
-        if -1 in found:
-            raise KeyError(tuple(thetas[found.index(-1)]))
+        # By their bytes, as `theta_key` has them: -0.0 + 0.0 is 0.0.
+        known = dict(zip(map(bytes, self.thetas + 0.0), range(len(self.thetas)), strict=True))
+        found = list(map(known.get, map(bytes, np.array(thetas, dtype=float) + 0.0)))
+        if None in found:
+            raise KeyError(tuple(thetas[found.index(None)]))
         return np.array(found, dtype=np.int64)
 
 

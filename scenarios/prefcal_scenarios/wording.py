@@ -117,7 +117,7 @@ def _says_the_same(kpi: KPI, fewer: list[float], read: list[float]) -> bool:
     return (
         not abs(still - apart) > apart / 20  # no number without two finite values
         and all((a == 0) == (b == 0) for a, b in zip(fewer, read, strict=True))
-        and all(kpi.met(a) == kpi.met(b) for a, b in zip(fewer, read, strict=True))
+        and (not objective(kpi) or [*map(kpi.met, fewer)] == [*map(kpi.met, read)])
     )
 
 
