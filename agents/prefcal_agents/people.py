@@ -553,8 +553,9 @@ class Lessons:
 
     def first(self, count: int) -> "Lessons":
         """Return the first `count` answers, about the same experiments."""
-        better, worse, tie, strength = (x[:count] for x in (self.better, self.worse, self.tie, self.strength))
-        return Lessons(self.logs, better, worse, tie, strength)
+        return Lessons(
+            self.logs, self.better[:count], self.worse[:count], self.tie[:count], self.strength[:count]
+        )
 
     def log_probabilities(self, utilities: Utilities) -> Float[np.ndarray, "s a"]:
         """Return the logarithm of the probability of each answer by each draw, shape (s, a)."""

@@ -212,7 +212,8 @@ class ClosedLoop:
         env, around = PlantEnv(plant, task), getattr(self.kpis, "around", None)
         kpis = self.kpis if around is None else around(env)
         outputs = list(env.channels.y)
-        for i, target in getattr(kpis, "targets", ()):  # a picture of the run draws its own
+        # A picture of the run draws its own targets; other KPIs may call something else so.
+        for i, target in getattr(kpis, "targets", ()) if around else ():
             outputs[i] = replace(outputs[i], target=target)
         env.channels = replace(env.channels, y=tuple(outputs))
         return Function(ClosedLoop(env, worn if grain.any() or play.any() else self.controller, kpis))

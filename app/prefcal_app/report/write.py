@@ -157,7 +157,7 @@ LOOP = "open_loop.png"
 _LOOP_ALT = "Nyquist diagram of the open loop, before and after, with the margins that it shows"
 
 Answers = list[tuple[str, str | tuple[str, ...]]]
-"""Questions, in a few words, each with its answer: a text, or a list, which is small and never cut."""
+"""Questions, in a few words, each with its answer: a text, or a list, which is set small."""
 
 
 def answers(record: StudyRecord) -> Answers:
@@ -222,7 +222,7 @@ def _verdicts(verified: Verified) -> dict[str, str]:
 
 
 def verified_answers(verified: Verified) -> Answers:
-    """Return what was verified, what varied, and what nobody looked at, in words for one page."""
+    """Return what was verified, what varied, and what nobody looked at, in words for the sheet."""
     found: Answers = [*_verdicts(verified).items()]
     if verified.runs:
         spans = tuple(f"{name}: {low} to {high}" for name, _, _, low, high, *_ in verified.kpis)
@@ -238,10 +238,10 @@ def verdict_of(record: StudyRecord, verified: Verified | str | None = None) -> s
     if isinstance(verified, Verified):
         return verified.verdict
     assert record.best is not None
-    missed = [kpi.title for kpi in record.kpis if kpi.met_by(record.best.experiment) is False]
-    lost = (
-        f"Does not hold: {', '.join(missed)}, required of the experiment itself, not kept. " if missed else ""
-    )
+    missed = [kpi for kpi in record.kpis if kpi.met_by(record.best.experiment) is False]
+    runs, margins = (", ".join(k.title for k in missed if k.margin == each) for each in (False, True))
+    lost = f"Does not hold: {runs}, required of the experiment itself, not kept. " if runs else ""
+    lost += f"Margins not kept: {margins}. " if margins else ""
     return f"{lost}Not verified on other plants than the modeled one: run prefcal verify best.json."
 
 

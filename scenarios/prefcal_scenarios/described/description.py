@@ -278,11 +278,20 @@ def limits_in(source: str, kpis: Sequence[KPI], limits: Mapping[str, float]) -> 
         return f"For that, its file states {' and '.join(lines)}."
     table = {k.name: {"at_most": limits[k.name]} if k.name in limits else {} for k in kpis}
     if name.endswith(".toml"):
+        own = _stated_kpis(name)
+        table = {key: {**own.get(key, {}), **value} for key, value in table.items()}
         return f"For that, above the first table of {name}, in place of [kpis]: kpis = {_as_toml(table)}"
     key = next((world.key for world in WORLDS if world.ending == Path(name).suffix != ""), "controller")
     keys = {key: name, **(config or {}), "kpis": table}
     lines = (f"{key} = {_as_toml(value)}" for key, value in keys.items())
     return f"For that, calibrate a TOML file of these lines: {'; '.join(lines)}"
+
+
+def _stated_kpis(name: str) -> dict[str, dict[str, Any]]:
+    """Return the KPIs that a TOML file states itself, such as those with formulas of their own."""
+    found = _read(Path(name)).get("kpis") if Path(name).is_file() else None
+    pairs = found.items() if isinstance(found, dict) else ()
+    return {key: {"formula": each} if isinstance(each, str) else each for key, each in pairs}
 
 
 def _as_toml(value: Any) -> str:

@@ -200,17 +200,28 @@ class Verification:
     def headline(self) -> str:
         """Return whether it holds: what is stated decides; if nothing is, usual limits are counted."""
         own, count, loop = self.tuning.nominal, len(self.runs), self.tuning.margins
-        lost = [k for k in self.kpis if k.margin and k.met(k.read(own.kpis.get(k.name, np.nan))) is False]
         held = f"{count - len(self.failed)} of {count} runs {self.asked}." if count else ""
-        if self.failed or own.problems or loop == UNSTABLE:
-            said = f"Does not hold: {held or f'{own.words}.'}"
+        if self.failed:
+            said = f"Does not hold: {held}"
+        elif own.problems or loop == UNSTABLE:  # nominally, which no count of varied runs says
+            said = f"Does not hold: {own.words if own.problems else 'the nominal loop is not stable'}."
         elif not count:
             return self.statement
         else:
             holds = "Holds" if breakable(self.kpis) else "Not judged, since no limit on runs is stated"
-            said = f"{holds}{', but a stated margin is missed' if lost else ''}: {held}"
+            said = f"{holds}{', but a stated margin is missed' if self.misses_margin else ''}: {held}"
         usual = "; ".join(self._offered(*each) for each in self.usual)
         return f"{said}{f' Usual limits: {usual}.' if usual and count else ''} {self.margin_verdict}".rstrip()
+
+    @property
+    def misses_margin(self) -> bool:
+        """Return whether the nominal loop misses a limit on a margin, where it starts or at its target."""
+        found = self.tuning.margins
+        target = None if isinstance(found, str) else found.target
+        places = [self.tuning.nominal.kpis, *([_by_kpi(target)] if target else [])]
+        stated = [kpi for kpi in self.kpis if kpi.margin and kpi.met(0.0) is not None]
+        missed = (k.met(k.read(at[k.name])) is False for at in places for k in stated if k.name in at)
+        return target == UNSTABLE or any(missed)
 
     @property
     def statement(self) -> str:
@@ -226,7 +237,7 @@ class Verification:
             least = np.floor(100 * (1 - most_probable(count - len(self.failed), count)))
             return (
                 f"{count - len(self.failed)} of {count} runs {self.asked}{early}: for plants within these "
-                f"ranges, {100 * (1 - self.share):.0f} % do not, at least {least:.0f} % with "
+                f"ranges, {100 * (1 - self.share):.3g} % do not, at least {least:.0f} % with "
                 f"{100 * CONFIDENCE:g} % confidence.{never}"
             )
         # Rounded up to two digits, so that what is below it stays below.
@@ -558,7 +569,8 @@ class Verified:
         judged = (
             f" A person found {refused} of the {len(self.worst)} worst runs {REFUSED}." if refused else ""
         )
-        return f"{self.headline}{judged}{f' Verified {self.at}.' if self.at else ''}"
+        when = f" {'Verified' if self.runs else 'Looked at'} {self.at}." if self.at else ""
+        return f"{self.headline}{judged}{when}"
 
     @property
     def kpi_columns(self) -> tuple[str, ...]:
@@ -613,7 +625,8 @@ def _next(found: Verification, scenario: Scenario, robust: bool) -> tuple[str, .
     if not breakable(found.kpis):
         change = "change the controller"
     drawn = "" if tried is None else f"{tried.nominal or 'none'} of {tried.count} tunings drawn at random"
-    stuck = [] if tried is None else [e for e in found.breaking if not tried.alone.get(e.factor.name)]
+    known = tried is not None and tried.nominal > 0  # else nothing is known of other tunings
+    stuck = [e for e in found.breaking if known and tried and not tried.alone.get(e.factor.name)]
     if tried and not tried.nominal and found.tuning.nominal.problems:
         first = f"{change}: this tuning does not hold even nominally, and {drawn} does"
     elif stuck:
@@ -621,10 +634,8 @@ def _next(found: Verification, scenario: Scenario, robust: bool) -> tuple[str, .
         alone = "each alone make" if len(stuck) > 1 else "alone makes"
         first = f"{change}: {names} {alone} every tuning fail that holds nominally, this one and {drawn}"
     elif robust:
-        first = (
-            "the study was robust, which varies the plant and the noise only: start one with tighter "
-            f"limits, or {change}"
-        )
+        tighter = "start one with tighter limits, or " if breakable(found.kpis) else ""
+        first = f"the study was robust, which varies the plant and the noise only: {tighter}{change}"
     else:
         hold = f" ({drawn} hold nominally)" if drawn else ""
         start = shlex.join(["--robust", "--start", typed_theta(scenario.space, found.tuning.theta.tolist())])

@@ -186,7 +186,7 @@ def verify(
     verified = Verification(found.name, found.kpis, factors, left_out, runs, tuning, kept, alone)
     if not (verified.failed and found.simulated and len(made) == len(cases)):
         return verified
-    thetas, rivals = _rivals(verified, found.space, seed)
+    thetas, rivals = _rivals(verified, found.space, noise)
     done = _done(Variations(known.at, thetas, rivals), jobs, limit, progress, clock)
     return replace(verified, others=_counted(found, verified, rivals, done))
 

@@ -47,6 +47,13 @@ def test_of_a_controller_with_options_it_is_a_file_and_of_a_file_its_table(sourc
     rest = 'controller = "pid"\nplant = "tank.py:plant"\n[knobs]\nK_p = "0.1:10:log"\n'
     (tmp_path / "b.toml").write_text(f"{line}\n{rest}")
     same_but_for_limits(load("b.toml"), made)
+    # What the file states of its own KPIs stays: without its formula, one is unknown.
+    own = 'overshoot = {}\nsettling_time = {}\nenergy = "integral(abs(inflow))"\n'
+    (tmp_path / "c.toml").write_text(f"{rest}[kpis]\n{own}")
+    made = load("c.toml")
+    line = limits_in("c.toml", made.kpis, LIMITS).split(": ", 1)[1]
+    (tmp_path / "d.toml").write_text(f"{line}\n{rest}")
+    same_but_for_limits(load("d.toml"), made)
 
 
 def test_of_a_python_file_it_is_its_kpis_and_a_built_in_one_takes_none():

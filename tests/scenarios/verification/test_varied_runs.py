@@ -450,6 +450,7 @@ def test_a_tuning_holds_if_all_runs_and_the_nominal_loop_keep_what_is_stated_of_
     M_s = KPI("M_s", "maximum sensitivity M_s", at_most=2.0, margin=True)
     nominal = replace(found.tuning.nominal, kpis={**found.tuning.nominal.kpis, "M_s": 2.5})
     close = replace(found, kpis=(*wide, M_s), tuning=replace(found.tuning, nominal=nominal))
+    assert not replace(found, kpis=(*wide, M_s)).misses_margin
     # Two verdicts that are never mixed: the runs hold, and the margin is another matter.
     missed = (
         "Holds, but a stated margin is missed: 3 of 3 runs keep the stated limits. Margins of the nominal"
