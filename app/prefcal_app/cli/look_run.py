@@ -205,7 +205,8 @@ def _range(text: str) -> tuple[str, float | list[float]]:
 
 def show(said: Verified, console: Console) -> None:
     """Print a verification in a terminal."""
-    say(console, "Does it hold?", f"  {said.verdict}", f"  {said.statement}", f"  {said.limits_kept}")
+    more = [each for each in (said.statement, said.limits_kept) if each not in said.verdict]
+    say(console, "Does it hold?", *(f"  {each}" for each in (said.verdict, *more)))
     for line in said.advice:
         say(console, f"  {_sentence(line)}")
     if said.varied:

@@ -7,7 +7,7 @@ import { showOther, showTheta } from "./simulated.js";
 import { bestCard } from "./status.js";
 import { Plots, SMALL } from "./plots.js";
 import { trial } from "./trial.js";
-import { verification } from "./verify.js";
+import { verification, writing } from "./verify.js";
 
 const REASONS = {
   "all compared": "All experiments have been compared", "good enough": "The best is good enough",
@@ -78,7 +78,7 @@ function steps(now, act) {
   return el("section", { class: "card steps" }, el("h3", {}, "What next?"),
     el("p", { class: "actions" },
       report ? link("Open the report", { class: "button primary", href: report.link, target: "_blank", rel: "noopener" })
-        : el("span", { class: "faint", id: "writing", role: "status" }, "The report is being written…"),
+        : el("span", { class: "faint", id: "writing", role: "status" }, writing()),
       report ? link("Acceptance sheet", { href: report.acceptance, target: "_blank", rel: "noopener" }) : null,
       next.download ? link("Download best.json", { href: next.download, download: "best.json" }) : null,
       button("Close prefcal", () => close(act), { title: "Ends the command in the terminal" })),

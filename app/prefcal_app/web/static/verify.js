@@ -7,28 +7,35 @@ import { current } from "./flow.js";
 const PAUSE = 500; // ms between two looks at a verification that runs
 const place = el("div", { id: "verification", "aria-live": "polite" });
 let timer = 0;
-let wanted = null; // the version of the study whose result is verified once its report is written
+let wanted = ""; // where the study was when V was pressed, whose result is verified once its report is written
 let about = null; // the version of the study that the place is about
 
 // Return the place of the verification; it stays while the page is drawn anew.
 export function verification() {
   const { version } = current();
-  if (about !== version) {
+  const asked = waits();
+  if (about !== version || asked) {
     about = version;
-    show(() => (wanted === version ? post("verify", {}, false) : get("/api/verification")));
+    wanted = "";
+    show(() => (asked ? post("verify", {}, false) : get("/api/verification")));
   }
   return place;
 }
 
 export function verify() {
-  const { over, version } = current() ?? {};
+  const { over } = current() ?? {};
   if (over?.next.verifies) {
     show(() => post("verify", {}, false));
   } else if (over && !over.report) {
-    wanted = version;
-    $("writing").textContent = "The report is being written, then the result is verified…";
+    wanted = reached();
+    $("writing").textContent = writing();
   }
 }
+
+// What is worked out at the end changes the version, but not how far the study has come.
+const reached = () => JSON.stringify(current()?.progress ?? null);
+const waits = () => wanted === reached();
+export const writing = () => (waits() ? "The report is being written, then the result is verified…" : "The report is being written…");
 
 async function show(ask) {
   clearTimeout(timer);
@@ -57,7 +64,7 @@ const going = ({ done, planned }) => [el("p", {}, planned ? `${done} of ${planne
 function said({ best, verdict, statement, limits, margins, advice, basis, varied, tables, effects, worst }) {
   const tabled = (each) => [el("h5", {}, each.label), shownTable(each)];
   const list = (title, lines) => (lines.length ? [el("h5", {}, title), el("ul", { class: "plain" }, lines.map((text) => el("li", {}, symbol(text))))] : []);
-  return [el("p", { class: "statement" }, el("strong", {}, symbol(verdict))), el("p", {}, symbol(statement)), list("What to do about it", advice),
+  return [el("p", { class: "statement" }, el("strong", {}, symbol(verdict))), verdict.includes(statement) ? null : el("p", {}, symbol(statement)), list("What to do about it", advice),
     worst.length ? folded("worst-runs", "The worst runs, beside the nominal one: acceptable?", worst.map((each, k) => run(each, k, best))) : null,
     folded("verified", "What was varied, its margins, and what hurts most", el("p", { class: "faint" }, symbol(limits)), varied.map(tabled),
       el("h5", {}, "What margin has it?"), el("p", { class: "statement" }, symbol(margins)), el("p", { class: "faint" }, symbol(`${basis}.`)),
