@@ -168,6 +168,27 @@ def test_the_outputs_are_seen_as_they_come_those_of_one_side_at_a_time(scenario,
     assert longest == {0: (4, 4), 1: (4, 4)}
 
 
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda plant: plant.values.update(kp=7.0), "now the plant shows K_p = 7 instead of "),
+        (lambda plant: plant.bad.add("kp"), "now the plant shows K_p = no good value instead of "),
+        (lambda plant: setattr(plant, "up", False), "the plant cannot be read, so look what it has: no conn"),
+    ],
+)
+def test_a_plant_that_has_something_else_when_new_is_confirmed_is_told(
+    scenario, plant, tmp_path, change, said
+):
+    interview = finished(scenario)
+    now = press(interview, plant, 1, lambda: (change(plant), keep(interview, 1)()))
+    assert now.state.kept[2].index == 1  # it stands
+    assert now.plant.trial.problem.startswith(f"it was confirmed, but {said}")
+    assert "values from before" not in now.plant.trial.problem
+    assert trial_view(interview, now)["live"]["problem"] == now.plant.trial.problem
+    assert now.plant.recovery is Recovery.DONE
+    assert not (tmp_path / "old.json").exists()
+
+
 def test_a_trial_that_is_ended_leaves_what_the_plant_had(scenario, plant):
     interview = finished(scenario)
     now = press(interview, plant, 0, 1, end(interview))
@@ -495,6 +516,20 @@ def test_the_terminal_writes_switches_and_confirms(scenario, plant):
     ):
         assert words in out
     assert "Confirmed on the plant: new (experiment 2)" in out
+
+
+def test_the_terminal_says_that_the_plant_has_something_else_than_what_was_confirmed(scenario, plant):
+    interview = finished(scenario)
+    record = interview.file.append
+
+    def changed(*events):
+        plant.values["kp"] = 7.0
+        return record(*events)
+
+    interview.file.append = changed
+    out = talk(interview, "", ["t", "yes", "o", "keep"])
+    assert "Confirmed on the plant: new (experiment 2)" in out
+    assert "it was confirmed, but now the plant shows K_p = 7 instead of " in " ".join(out.split())
 
 
 @pytest.mark.parametrize(
