@@ -295,6 +295,26 @@ def test_on_a_full_disk_nothing_is_confirmed_and_the_old_values_come_back(scenar
     assert has(plant, interview)
 
 
+@pytest.mark.parametrize("index", [1, 0])
+def test_a_second_confirmation_is_refused_so_that_the_values_from_before_can_be_forgotten(
+    scenario, plant, tmp_path, monkeypatch, index
+):
+    interview = finished(scenario, tmp_path / "mine.prefcal")
+
+    def twice():
+        interview.do(actions.KeepOnPlant(1, 1))
+        with pytest.raises(StaleError, match="confirmed already"):
+            interview.do(actions.KeepOnPlant(index, 1))
+
+    with monkeypatch.context() as patch:  # as if it were killed before the values are forgotten
+        patch.setattr(Journal, "settle", lambda self, mark: None)
+        assert press(interview, plant, 1, twice).state.confirmed == 1
+    interview.file.close()
+    again = reopened(scenario, tmp_path / "mine.prefcal")
+    worked(again)
+    assert has(plant, again, 1)
+
+
 def test_what_is_being_written_cannot_be_confirmed(scenario, plant):
     interview, refused = finished(scenario), []
 
