@@ -323,7 +323,7 @@ class Drive:
 
         Args:
             trial: What is wanted.
-            patience: Seconds without another wish after which nothing is waited for any more.
+            patience: Seconds with the same values on the plant after which nothing is waited for any more.
 
         Returns:
             Why nothing was confirmed, or what the plant has in place of what was; empty if all is well.
@@ -366,12 +366,13 @@ class Drive:
         since = self.hands.clock()
         while not trial.confirmed():
             if (wanted := trial.turn()) is not None:
-                since, self.theta = self.hands.clock(), sides[wanted]
+                began, self.theta = self.hands.clock(), sides[wanted]
                 self._ramp(self.theta)
-                while self.hands.clock() < since + slowest:
+                while self.hands.clock() < began + slowest:
                     self._sample(Stage.WRITING)
                 self.rows, self._began = [], None
                 trial.has(wanted)
+                since = self.hands.clock()  # writing them may take longer than the patience
             self._sample(Stage.RECORDING)
             self._unchanged(self.theta)
             if self.hands.clock() > since + patience:

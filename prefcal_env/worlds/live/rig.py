@@ -152,8 +152,8 @@ class LiveRig(LivePlan, Source):
     ) -> tuple[str, bool]:
         """Have the θ that a trial wants on the plant, until one is confirmed or the trial ends.
 
-        No start value is written. Without another wish within an hour, or ten times the duration of a
-        run if that is longer, the trial ends. All but `trial` is as for `drive`.
+        No start value is written. Once the plant has shown the same values for an hour, or ten times the
+        duration of a run if that is longer, the trial ends. All but `trial` is as for `drive`.
 
         Returns:
             Why nothing was confirmed, so that the values from before had to be restored, or what the plant

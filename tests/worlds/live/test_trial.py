@@ -9,6 +9,7 @@ import time
 from contextlib import suppress
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from prefcal_app.session import Background, Choice, Phase, actions
@@ -18,8 +19,10 @@ from prefcal_app.view import now_view, trial_view
 from prefcal_app.web import Window
 from prefcal_env import Knob
 from prefcal_env.errors import StaleError, StudyError
+from prefcal_env.sources import Trial
 from prefcal_env.study import StudyFile
 from prefcal_env.worlds.live import Journal, LiveKnob
+from prefcal_env.worlds.live.drive import Drive, Hands
 from prefcal_scenarios.scenario import KPI, Scenario
 from support.browser import Watched
 from support.interviews import begin, reopened, until
@@ -236,6 +239,18 @@ def test_without_a_press_for_an_hour_the_values_from_before_are_back(scenario, p
     assert "nothing was confirmed within 3600 s" in now.plant.trial.problem
     assert 3600 < plant.now - began < 3720
     assert has(plant, interview)
+
+
+def test_values_that_take_longer_to_write_than_the_patience_are_on_the_plant_for_as_long(plant, tmp_path):
+    sides = {0: np.array([9.0, 10.0]), 1: np.array([2.0, 10.0])}
+    rig, trial, seen = memory_rig(plant, tmp_path), Trial(sides, "a trial", lambda: False), []
+    plant.at = lambda plant: seen.append(plant.now) if trial.shown == 0 else None
+    hands = Hands(plant.clock, plant.sleep, confirm=lambda changes: True)
+    drive = Drive(rig, {"K_p": 9.0, "T_i": 10.0}, rig.journal, hands, starts=False)
+    assert drive.try_out(trial, 5.0) == ("nothing was confirmed within 5 s", True)
+    assert seen[0] > 8.0  # from 1 to 9 at 1 per second
+    assert seen[-1] - seen[0] == pytest.approx(5.0, abs=1.0)
+    assert plant.values["kp"] == 1.0
 
 
 def test_a_process_that_is_told_to_end_leaves_what_the_plant_had(scenario, plant):
