@@ -79,9 +79,10 @@ class LiveRig(LivePlan, Source):
         """Forget the values from before a trial that was confirmed.
 
         Raises:
-            LiveError: If their file is damaged, or cannot be removed.
+            LiveError: If their file is damaged, or cannot be removed, or another process runs on the plant.
         """
-        self._kept.settle(mark)
+        with self._kept.alone():
+            self._kept.settle(mark)
 
     def close(self) -> None:
         """Close the connection to the plant."""

@@ -402,6 +402,31 @@ def test_another_study_restores_the_values_from_before_a_trial_that_was_not_its_
     assert plant.values["kp"] == pytest.approx(3.0)
 
 
+def killed_before_they_are_forgotten(scenario, plant, path, monkeypatch):
+    """A study in which new is confirmed, and the values from before are still in their file."""
+    interview = finished(scenario, path)
+    with monkeypatch.context() as patch:
+        patch.setattr(Journal, "settle", lambda self, mark: None)
+        press(interview, plant, 1, keep(interview, 1))
+    interview.file.close()
+
+
+def test_values_are_not_forgotten_while_another_process_runs_on_the_plant(
+    scenario, plant, tmp_path, monkeypatch
+):
+    path, old = tmp_path / "mine.prefcal", tmp_path / "old.json"
+    killed_before_they_are_forgotten(scenario, plant, path, monkeypatch)
+    kept = old.read_bytes()
+    with Journal(old).alone():
+        again = reopened(scenario, path)
+        assert "another prefcal runs on this plant" in worked(again).plant.problem
+        assert old.read_bytes() == kept
+    again.do(actions.Retry())
+    assert worked(again).plant.recovery is Recovery.DONE
+    assert has(plant, again, 1)
+    assert not old.exists()
+
+
 def reopened_like(scenario):
     return begin(scenario, n_max=3, seed=1)
 
