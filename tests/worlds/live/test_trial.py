@@ -8,6 +8,7 @@ import sys
 import time
 from contextlib import suppress
 from dataclasses import replace
+from shutil import copy
 
 import numpy as np
 import pytest
@@ -424,6 +425,30 @@ def test_values_are_not_forgotten_while_another_process_runs_on_the_plant(
     again.do(actions.Retry())
     assert worked(again).plant.recovery is Recovery.DONE
     assert has(plant, again, 1)
+    assert not old.exists()
+
+
+def test_a_copy_of_a_study_does_not_forget_the_values_from_before_a_trial_of_the_original(
+    scenario, plant, tmp_path, monkeypatch
+):
+    mine, copied, old = tmp_path / "mine.prefcal", tmp_path / "copied.prefcal", tmp_path / "old.json"
+    finished(scenario, mine).file.close()
+    copy(mine, copied)
+    theirs = reopened(scenario, copied)
+    worked(theirs)
+    assert press(theirs, plant, 1, keep(theirs, 1)).state.confirmed == 1
+    theirs.file.close()
+    plant.values.update(BEFORE)
+    interview = reopened(scenario, mine)
+    worked(interview)
+    with monkeypatch.context() as patch:  # as if it were killed in the midst of its first trial
+        patch.setattr(Drive, "restore", lambda self: True)
+        press(interview, plant, 1, end(interview))
+    interview.file.close()
+    assert old.exists()
+    again = reopened(scenario, copied)
+    worked(again)
+    assert has(plant, again)
     assert not old.exists()
 
 
