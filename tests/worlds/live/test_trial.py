@@ -700,6 +700,36 @@ def test_on_the_page_old_and_new_are_one_key_apart_and_one_stays(page, plant):
     assert has(plant, interview, 1)
 
 
+def test_the_page_closes_what_it_asks_about_the_plant_when_more_is_asked_elsewhere(page):
+    watched, interview = page
+    watched.page.click("#trial-open")
+    watched.page.wait_for_selector("#trial-write")
+    interview.do(actions.GoOn(1))
+    watched.page.wait_for_selector("dialog:not([open])", state="attached")
+    assert interview.now().phase is not Phase.OVER
+
+
+def test_the_page_says_that_the_plant_has_something_else_than_what_was_confirmed(page, plant):
+    watched, interview = page
+    shown = watched.page
+    shown.click("#trial-open")
+    shown.click("#trial-write")
+    on_plant(shown, "Old: first experiment")
+    record = interview.file.append
+
+    def changed(*events):
+        plant.values["kp"] = 7.0
+        return record(*events)
+
+    interview.file.append = changed
+    shown.click("#trial-keep")
+    shown.wait_for_selector("#trial-place [role=alert]")
+    text = shown.inner_text("#trial-place")
+    assert text.startswith("it was confirmed, but now the plant shows K_p = 7 instead of ")
+    shown.click("#trial-place button:text-is('Close')")
+    shown.wait_for_selector("text=Confirmed on the plant: old (experiment 1)")
+
+
 @pytest.mark.parametrize("how", ["k", "Escape", "reload"])
 def test_on_the_page_a_blind_trial_that_is_left_restores_the_plant(page, plant, how):
     watched, interview = page
