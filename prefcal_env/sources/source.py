@@ -208,9 +208,11 @@ class Trial:
         """Let the plant be as it is inside the block, which records that this θ stays.
 
         Raises:
-            StaleError: If the plant does not have it now; nothing may be recorded then.
+            StaleError: If the plant does not have it now, or one was confirmed; nothing may be recorded then.
         """
         with self._lock:
+            if self.confirmed():  # the values from before are forgotten by the mark of one confirmation
+                raise StaleError("one of them was confirmed already: nothing more was recorded")
             if self.shown != number:
                 raise StaleError("the plant does not have these values now: nothing was confirmed")
             yield

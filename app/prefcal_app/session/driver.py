@@ -558,7 +558,7 @@ class Driver:
         samples, before = self.state.history.samples, self.state.confirmed
         trial = Trial(
             {index: np.array(samples[index].theta) for index in (0, best)},
-            mark_of_trial(self.state, before),
+            mark_of_trial(self.file, before),
             lambda: self.file.state.confirmed > before,
         )
         run = self.store.scenario.source.trial(trial)
@@ -572,7 +572,7 @@ class Driver:
             LiveError: If the values from before the trial cannot be forgotten.
         """
         if self.state.kept is not None:
-            self.store.scenario.source.settle(mark_of_trial(self.state, self.state.confirmed - 1))
+            self.store.scenario.source.settle(mark_of_trial(self.file, self.state.confirmed - 1))
 
     def become(self, agent: Agent) -> None:
         """Go on with an agent, which learns what the study file says."""

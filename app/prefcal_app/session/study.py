@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, cast
 from weakref import WeakValueDictionary
@@ -544,9 +545,12 @@ def tried_on_plant(state: State, best: int | None) -> tuple[int, int] | None:
     return (0, best) if drawn.random() < 0.5 else (best, 0)
 
 
-def mark_of_trial(state: State, before: int) -> str:
-    """Return what tells a trial apart, given the number of confirmations before it."""
-    return digest((state.history.key, before)).hex()
+def mark_of_trial(file: StudyFile, before: int) -> str:
+    """Return what tells a trial apart, given the number of confirmations before it.
+
+    The place is a part of it: a copy of the file may confirm another trial on the same plant.
+    """
+    return digest((str(Path(file.path).resolve()), file.state.history.key, before)).hex()
 
 
 def to_repeat(state: State, seed: int) -> Comparison | None:

@@ -323,10 +323,11 @@ class Drive:
 
         Args:
             trial: What is wanted.
-            patience: Seconds without another wish after which nothing is waited for any more.
+            patience: Seconds with the same values on the plant after which nothing is waited for any more.
 
         Returns:
-            Why nothing was confirmed, empty if it was; and whether the plant has what it should have.
+            Why nothing was confirmed, or what the plant has in place of what was; empty if all is well.
+            And whether the values from before need not be restored any more.
         """
         why = ""
         try:
@@ -344,8 +345,18 @@ class Drive:
             self.problem = why
             done = self.restore()
             return (why if done else f"{why}; {self.problem}"), done
+        why = self._differs()
         self.journal.settle(trial.mark)  # last: until then, the study and this file say together what stays
-        return "", True
+        return why, True
+
+    def _differs(self) -> str:
+        """Return what the plant has in place of what was confirmed: since the last sample, it may differ."""
+        try:
+            self._now = self.writer.read()
+        except LiveError as error:
+            return f"it was confirmed, but the plant cannot be read, so look what it has: {error}"
+        shown = self._shows(self.theta)
+        return "" if shown else f"it was confirmed, but now {self._refused(self.theta)}"
 
     def _try(self, trial: Trial, patience: float) -> None:
         sides = {i: dict(zip(self.theta, map(float, theta), strict=True)) for i, theta in trial.sides.items()}
@@ -355,12 +366,13 @@ class Drive:
         since = self.hands.clock()
         while not trial.confirmed():
             if (wanted := trial.turn()) is not None:
-                since, self.theta = self.hands.clock(), sides[wanted]
+                began, self.theta = self.hands.clock(), sides[wanted]
                 self._ramp(self.theta)
-                while self.hands.clock() < since + slowest:
+                while self.hands.clock() < began + slowest:
                     self._sample(Stage.WRITING)
                 self.rows, self._began = [], None
                 trial.has(wanted)
+                since = self.hands.clock()  # writing them may take longer than the patience
             self._sample(Stage.RECORDING)
             self._unchanged(self.theta)
             if self.hands.clock() > since + patience:

@@ -79,9 +79,10 @@ class LiveRig(LivePlan, Source):
         """Forget the values from before a trial that was confirmed.
 
         Raises:
-            LiveError: If their file is damaged, or cannot be removed.
+            LiveError: If their file is damaged, or cannot be removed, or another process runs on the plant.
         """
-        self._kept.settle(mark)
+        with self._kept.alone():
+            self._kept.settle(mark)
 
     def close(self) -> None:
         """Close the connection to the plant."""
@@ -152,12 +153,12 @@ class LiveRig(LivePlan, Source):
     ) -> tuple[str, bool]:
         """Have the θ that a trial wants on the plant, until one is confirmed or the trial ends.
 
-        No start value is written. Without another wish within an hour, or ten times the duration of a
-        run if that is longer, the trial ends. All but `trial` is as for `drive`.
+        No start value is written. Once the plant has shown the same values for an hour, or ten times the
+        duration of a run if that is longer, the trial ends. All but `trial` is as for `drive`.
 
         Returns:
-            Why nothing was confirmed, so that the values from before had to be restored; empty if one
-            was. And whether the plant has what it should have.
+            Why nothing was confirmed, so that the values from before had to be restored, or what the plant
+            has in place of what was; empty if all is well. And whether nothing is left to be restored.
 
         Raises:
             KnobError: If θ is outside the knobs' ranges.
@@ -351,7 +352,7 @@ class TrialRun(_Followed):
     def advance(self) -> None:
         """Look at the plant or, once a person has confirmed, have the θ that they want on it.
 
-        Afterward, `problem` says why nothing was confirmed.
+        Afterward, `problem` says why nothing was confirmed, or what the plant has in place of what was.
 
         Raises:
             LiveError: If another process runs on the plant, or it lacks its old values.
@@ -371,7 +372,8 @@ class TrialRun(_Followed):
             self.progress = None
         if not done:
             raise LiveError(f"{why}. The plant does not have its old values yet")
-        self.problem = f"{why}. The plant has the values from before" if why else ""
+        before = "" if self._trial.confirmed() else ". The plant has the values from before"
+        self.problem = f"{why}{before}" if why else ""
 
     def _unchanged(self, changes: tuple[Change, ...]) -> bool:
         if changes != self.changes:

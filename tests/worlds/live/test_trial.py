@@ -8,7 +8,9 @@ import sys
 import time
 from contextlib import suppress
 from dataclasses import replace
+from shutil import copy
 
+import numpy as np
 import pytest
 
 from prefcal_app.session import Background, Choice, Phase, actions
@@ -18,8 +20,10 @@ from prefcal_app.view import now_view, trial_view
 from prefcal_app.web import Window
 from prefcal_env import Knob
 from prefcal_env.errors import StaleError, StudyError
+from prefcal_env.sources import Trial
 from prefcal_env.study import StudyFile
 from prefcal_env.worlds.live import Journal, LiveKnob
+from prefcal_env.worlds.live.drive import Drive, Hands
 from prefcal_scenarios.scenario import KPI, Scenario
 from support.browser import Watched
 from support.interviews import begin, reopened, until
@@ -168,6 +172,27 @@ def test_the_outputs_are_seen_as_they_come_those_of_one_side_at_a_time(scenario,
     assert longest == {0: (4, 4), 1: (4, 4)}
 
 
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda plant: plant.values.update(kp=7.0), "now the plant shows K_p = 7 instead of "),
+        (lambda plant: plant.bad.add("kp"), "now the plant shows K_p = no good value instead of "),
+        (lambda plant: setattr(plant, "up", False), "the plant cannot be read, so look what it has: no conn"),
+    ],
+)
+def test_a_plant_that_has_something_else_when_new_is_confirmed_is_told(
+    scenario, plant, tmp_path, change, said
+):
+    interview = finished(scenario)
+    now = press(interview, plant, 1, lambda: (change(plant), keep(interview, 1)()))
+    assert now.state.kept[2].index == 1  # it stands
+    assert now.plant.trial.problem.startswith(f"it was confirmed, but {said}")
+    assert "values from before" not in now.plant.trial.problem
+    assert trial_view(interview, now)["live"]["problem"] == now.plant.trial.problem
+    assert now.plant.recovery is Recovery.DONE
+    assert not (tmp_path / "old.json").exists()
+
+
 def test_a_trial_that_is_ended_leaves_what_the_plant_had(scenario, plant):
     interview = finished(scenario)
     now = press(interview, plant, 0, 1, end(interview))
@@ -215,6 +240,18 @@ def test_without_a_press_for_an_hour_the_values_from_before_are_back(scenario, p
     assert "nothing was confirmed within 3600 s" in now.plant.trial.problem
     assert 3600 < plant.now - began < 3720
     assert has(plant, interview)
+
+
+def test_values_that_take_longer_to_write_than_the_patience_are_on_the_plant_for_as_long(plant, tmp_path):
+    sides = {0: np.array([9.0, 10.0]), 1: np.array([2.0, 10.0])}
+    rig, trial, seen = memory_rig(plant, tmp_path), Trial(sides, "a trial", lambda: False), []
+    plant.at = lambda plant: seen.append(plant.now) if trial.shown == 0 else None
+    hands = Hands(plant.clock, plant.sleep, confirm=lambda changes: True)
+    drive = Drive(rig, {"K_p": 9.0, "T_i": 10.0}, rig.journal, hands, starts=False)
+    assert drive.try_out(trial, 5.0) == ("nothing was confirmed within 5 s", True)
+    assert seen[0] > 8.0  # from 1 to 9 at 1 per second
+    assert seen[-1] - seen[0] == pytest.approx(5.0, abs=1.0)
+    assert plant.values["kp"] == 1.0
 
 
 def test_a_process_that_is_told_to_end_leaves_what_the_plant_had(scenario, plant):
@@ -272,6 +309,26 @@ def test_on_a_full_disk_nothing_is_confirmed_and_the_old_values_come_back(scenar
     now = press(interview, plant, 1, fail, end(interview))
     assert now.state.kept is None
     assert has(plant, interview)
+
+
+@pytest.mark.parametrize("index", [1, 0])
+def test_a_second_confirmation_is_refused_so_that_the_values_from_before_can_be_forgotten(
+    scenario, plant, tmp_path, monkeypatch, index
+):
+    interview = finished(scenario, tmp_path / "mine.prefcal")
+
+    def twice():
+        interview.do(actions.KeepOnPlant(1, 1))
+        with pytest.raises(StaleError, match="confirmed already"):
+            interview.do(actions.KeepOnPlant(index, 1))
+
+    with monkeypatch.context() as patch:  # as if it were killed before the values are forgotten
+        patch.setattr(Journal, "settle", lambda self, mark: None)
+        assert press(interview, plant, 1, twice).state.confirmed == 1
+    interview.file.close()
+    again = reopened(scenario, tmp_path / "mine.prefcal")
+    worked(again)
+    assert has(plant, again, 1)
 
 
 def test_what_is_being_written_cannot_be_confirmed(scenario, plant):
@@ -344,6 +401,55 @@ def test_another_study_restores_the_values_from_before_a_trial_that_was_not_its_
     Journal(scenario.source.journal.path).save({"K_p": 3.0, "T_i": 10.0}, "a trial of another study")
     worked(reopened_like(scenario))
     assert plant.values["kp"] == pytest.approx(3.0)
+
+
+def killed_before_they_are_forgotten(scenario, plant, path, monkeypatch):
+    """A study in which new is confirmed, and the values from before are still in their file."""
+    interview = finished(scenario, path)
+    with monkeypatch.context() as patch:
+        patch.setattr(Journal, "settle", lambda self, mark: None)
+        press(interview, plant, 1, keep(interview, 1))
+    interview.file.close()
+
+
+def test_values_are_not_forgotten_while_another_process_runs_on_the_plant(
+    scenario, plant, tmp_path, monkeypatch
+):
+    path, old = tmp_path / "mine.prefcal", tmp_path / "old.json"
+    killed_before_they_are_forgotten(scenario, plant, path, monkeypatch)
+    kept = old.read_bytes()
+    with Journal(old).alone():
+        again = reopened(scenario, path)
+        assert "another prefcal runs on this plant" in worked(again).plant.problem
+        assert old.read_bytes() == kept
+    again.do(actions.Retry())
+    assert worked(again).plant.recovery is Recovery.DONE
+    assert has(plant, again, 1)
+    assert not old.exists()
+
+
+def test_a_copy_of_a_study_does_not_forget_the_values_from_before_a_trial_of_the_original(
+    scenario, plant, tmp_path, monkeypatch
+):
+    mine, copied, old = tmp_path / "mine.prefcal", tmp_path / "copied.prefcal", tmp_path / "old.json"
+    finished(scenario, mine).file.close()
+    copy(mine, copied)
+    theirs = reopened(scenario, copied)
+    worked(theirs)
+    assert press(theirs, plant, 1, keep(theirs, 1)).state.confirmed == 1
+    theirs.file.close()
+    plant.values.update(BEFORE)
+    interview = reopened(scenario, mine)
+    worked(interview)
+    with monkeypatch.context() as patch:  # as if it were killed in the midst of its first trial
+        patch.setattr(Drive, "restore", lambda self: True)
+        press(interview, plant, 1, end(interview))
+    interview.file.close()
+    assert old.exists()
+    again = reopened(scenario, copied)
+    worked(again)
+    assert has(plant, again)
+    assert not old.exists()
 
 
 def reopened_like(scenario):
@@ -497,6 +603,20 @@ def test_the_terminal_writes_switches_and_confirms(scenario, plant):
     assert "Confirmed on the plant: new (experiment 2)" in out
 
 
+def test_the_terminal_says_that_the_plant_has_something_else_than_what_was_confirmed(scenario, plant):
+    interview = finished(scenario)
+    record = interview.file.append
+
+    def changed(*events):
+        plant.values["kp"] = 7.0
+        return record(*events)
+
+    interview.file.append = changed
+    out = talk(interview, "", ["t", "yes", "o", "keep"])
+    assert "Confirmed on the plant: new (experiment 2)" in out
+    assert "it was confirmed, but now the plant shows K_p = 7 instead of " in " ".join(out.split())
+
+
 @pytest.mark.parametrize(
     "lines", [["t", ""], ["t", "yes", ""], ["b", "yes", "o", "x"], ["t", "yes", "o", "o", ""]]
 )
@@ -578,6 +698,36 @@ def test_on_the_page_old_and_new_are_one_key_apart_and_one_stays(page, plant):
     shown.wait_for_selector("text=Confirmed on the plant: new (experiment 2)")
     assert interview.now().state.kept[2].index == 1
     assert has(plant, interview, 1)
+
+
+def test_the_page_closes_what_it_asks_about_the_plant_when_more_is_asked_elsewhere(page):
+    watched, interview = page
+    watched.page.click("#trial-open")
+    watched.page.wait_for_selector("#trial-write")
+    interview.do(actions.GoOn(1))
+    watched.page.wait_for_selector("dialog:not([open])", state="attached")
+    assert interview.now().phase is not Phase.OVER
+
+
+def test_the_page_says_that_the_plant_has_something_else_than_what_was_confirmed(page, plant):
+    watched, interview = page
+    shown = watched.page
+    shown.click("#trial-open")
+    shown.click("#trial-write")
+    on_plant(shown, "Old: first experiment")
+    record = interview.file.append
+
+    def changed(*events):
+        plant.values["kp"] = 7.0
+        return record(*events)
+
+    interview.file.append = changed
+    shown.click("#trial-keep")
+    shown.wait_for_selector("#trial-place [role=alert]")
+    text = shown.inner_text("#trial-place")
+    assert text.startswith("it was confirmed, but now the plant shows K_p = 7 instead of ")
+    shown.click("#trial-place button:text-is('Close')")
+    shown.wait_for_selector("text=Confirmed on the plant: old (experiment 1)")
 
 
 @pytest.mark.parametrize("how", ["k", "Escape", "reload"])

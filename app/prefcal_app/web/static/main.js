@@ -39,10 +39,8 @@ function render(before) {
   if (now.phase === "record" && before?.pending?.index !== now.pending?.index) showRecord(now, act);
   if (inPlace(now)) showLive(now, act);
   if (now.phase === "failed") showFailed(now, act);
-  if (now.phase === "over") {
-    showOver(now, act);
-    follow(now);
-  }
+  if (now.phase === "over") showOver(now, act);
+  follow(now);
   arrange();
   if (before && before.phase !== now.phase && now.phase !== "question") say($("heading").textContent);
   look();
