@@ -617,6 +617,9 @@ def _compared(new: Sequence[VerifiedRun], old: Sequence[VerifiedRun], baseline: 
     return f" Before ({baseline}): {held} of {len(old)} of the same plants{fewer}."
 
 
+_ENOUGH = 10  # tunings that hold nominally, of which none that holds on other plants says something of all
+
+
 def _next(found: Verification, scenario: Scenario, robust: bool) -> tuple[str, ...]:
     """Return what to do next if some run fails, a text each."""
     if not found.failed:
@@ -625,14 +628,14 @@ def _next(found: Verification, scenario: Scenario, robust: bool) -> tuple[str, .
     if not breakable(found.kpis):
         change = "change the controller"
     drawn = "" if tried is None else f"{tried.nominal or 'none'} of {tried.count} tunings drawn at random"
-    known = tried is not None and tried.nominal > 0  # else nothing is known of other tunings
+    known = tried is not None and tried.nominal >= _ENOUGH  # of fewer, chance would say it
     stuck = [e for e in found.breaking if known and tried and not tried.alone.get(e.factor.name)]
     if tried and not tried.nominal and found.tuning.nominal.problems:
         first = f"{change}: this tuning does not hold even nominally, and {drawn} does"
     elif stuck:
         names = " and ".join(f"{e.factor.name} ({_range(e.factor)})" for e in stuck)
         alone = "each alone make" if len(stuck) > 1 else "alone makes"
-        first = f"{change}: {names} {alone} every tuning fail that holds nominally, this one and {drawn}"
+        first = f"{change}: {names} {alone} this tuning fail, and each of the {drawn} that hold nominally"
     elif robust:
         tighter = "start one with tighter limits, or " if breakable(found.kpis) else ""
         first = f"the study was robust, which varies the plant and the noise only: {tighter}{change}"
