@@ -15,7 +15,7 @@ def test_an_own_kpi_takes_few_ways_between_files(tmp_path, agent, files, crossin
 
 
 @pytest.mark.parametrize(
-    ("agent", "files", "crossings"), [("GLISp", 27, 368), ("Screening", 27, 530)], ids=[*AGENTS]
+    ("agent", "files", "crossings"), [("GLISp", 27, 368), ("Screening", 27, 520)], ids=[*AGENTS]
 )
 def test_an_answer_takes_few_ways_to_the_next_question(agent, files, crossings):
     trace = answer(AGENTS[agent])

@@ -485,11 +485,11 @@ def _command(ends: list[tuple[Knob, bool]], space: KnobSpace, place: str, scenar
 
 
 def _is_last(knob: Knob, space: KnobSpace, *, upper: bool) -> bool:
-    """Return whether nothing is beyond an end: at 0, at 1 of a share, and at 1 of a whole number."""
+    """Return whether nothing is beyond an end: at 1 of a share, from 0 to 1, or of a whole number."""
     low, high = space.within[space.knobs.index(knob)]
     other, end = (low, high) if upper else (high, low)
-    is_share = knob.scale == "linear" and knob.low >= 0 and knob.unit in ("", "-") and not knob.integer
-    return end == 0 or (upper and end == 1 and is_share) or _beyond(knob, other, end) == end
+    is_share = knob.unit in ("", "-") and (low, high) == (0, 1)
+    return (upper and is_share) or _beyond(knob, other, end) == end
 
 
 def _beyond(knob: Knob, other: float, end: float) -> float:

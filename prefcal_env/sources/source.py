@@ -165,7 +165,7 @@ class Run:
         """Stop the run in `within` seconds, if it can be: "stopped" by a person, or "given up"."""
 
 
-class Trial:
+class PlantTrial:
     """Which of several θ a person wants on a plant, and which it has, until one is confirmed.
 
     The run of a trial moves the plant in one thread, and the person presses keys in another: what both
@@ -393,7 +393,7 @@ class Source:
         """Return the run that restores what an interrupted one left; it returns no experiment."""
         raise NotImplementedError
 
-    def trial(self, trial: Trial) -> Run:
+    def trial(self, trial: PlantTrial) -> Run:
         """Return the run of a trial: it reads the plant, asks a person, and has what they want on it."""
         raise NotImplementedError
 
@@ -482,7 +482,7 @@ class WithKPIs(Source):
         """Return the source's run that restores them."""
         return self.source.recovery()
 
-    def trial(self, trial: Trial) -> Run:
+    def trial(self, trial: PlantTrial) -> Run:
         """Return the source's run of a trial."""
         return self.source.trial(trial)
 

@@ -55,7 +55,7 @@ class Aligned:
     stopped: bool  # whether values that are not finite followed after `t`
 
 
-def _aligned(
+def _align(
     t: Any,
     outputs: Mapping[str, Any],
     inputs: Mapping[str, Any],
@@ -380,7 +380,7 @@ def recorded(
     reference, signals = reference or {}, signals or {}
     look: _Look = (units or {}, limits or {}, bands or {})
     _check_names(y, u, signals, reference, look)
-    run = _aligned(t, y, u, reference, signals, time_unit)
+    run = _align(t, y, u, reference, signals, time_unit)
     theta = numbers("theta", np.atleast_1d(np.asarray(theta)))
     if end is None:
         end = End.FAILED if not len(run.t) else End.UNSAFE if run.stopped else End.TIME_UP

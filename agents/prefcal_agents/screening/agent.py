@@ -1,6 +1,5 @@
 """The agent Screening: simulate many θ unseen, show those that the answers leave undecided."""
 
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from math import ceil
@@ -283,13 +282,15 @@ class Screening(Simulating):
         best = self.turn(history).best
         if best is None or len(history.lessons) < FROM:
             return None
-        stage = self.stage(history)
+        growth = self.growth
+        stage = growth.stage(history)
         # The formula was fitted to exact simulations: with a twin, the draws' share means something else.
         row = None if stage.rough else _row(stage.bank, np.array(history.samples[best].theta))
         if row is None:
             return None
         # The numbers of given candidates mean nothing, so that what they predict is chance.
-        explained = self.simulations.candidates is not None or self.growth.explains(history)
+        numbered = growth.simulations.candidates is not None
+        explained = numbered or growth.explains(history, stage.bank, stage.scale, stage.utilities)
         return evidence(stage, row, history, explained=explained)
 
     @property
@@ -375,13 +376,13 @@ class Screening(Simulating):
 
     def propose(self, history: History) -> Float[np.ndarray, " n"]:
         """Return the simulated point that the answers leave most undecided, or one beyond KPIs."""
-        stage, best = self.stage(history), history.incumbent
-        rng = np.random.default_rng([self.setup.seed, history.answered])
+        growth, best = self.growth, history.incumbent
+        stage, rng = growth.stage(history), np.random.default_rng([self.setup.seed, history.answered])
         tried = Tried(self.space, history)
-        if self.simulations.candidates is None and without_kpis(history, stage, self.growth.explains):
+        if growth.simulations.candidates is None and without_kpis(history, stage, growth):
             beyond = tried.fresh(self._beyond.propose(history, stage), rng)
             # It is new to the simulations, so it may fail or never arrive: then the draws choose.
-            if self.growth.works(beyond):
+            if growth.works(beyond):
                 return beyond
         if stage.rough and history.answered % _OPEN == 0:
             found = _open_minded(stage, history, rng)
@@ -472,10 +473,12 @@ def _row(bank: Bank, theta: Float[np.ndarray, " n"]) -> int | None:
         return None
 
 
-def without_kpis(history: History, stage: Stage, explains: Callable[[History], bool]) -> bool:
-    """Return whether the next θ is proposed without KPIs, by whether they explain the answers of a record."""
-    known = not stage.bank.hopeless[stage.spread].all()
-    return known and (is_stalled(history) or not explains(history.past))
+def without_kpis(history: History, stage: Stage, growth: Growth) -> bool:
+    """Return whether the next θ is proposed without KPIs."""
+    if stage.bank.hopeless[stage.spread].all():
+        return False
+    past = history.past
+    return is_stalled(history) or not growth.explains(past, stage.bank, stage.scale, stage.utilities)
 
 
 def is_stalled(history: History) -> bool:

@@ -428,8 +428,7 @@ class Growth:
         self._design = latin_hypercube(space, wide, seed) if given is None else space.encode_all(given)
         self.stage = Stages(self._first, self._follow)
         """What is known after a record, simulating what was not simulated yet."""
-        self.explains = Remembered(self._explains)
-        """Whether KPIs explain the answers of a record, see `explains`."""
+        self.explains = Remembered(explains)  # the certificate and the next proposal ask the same
         self.pool = Remembered(self._pool, 1)  # the latest one: it is large
         """Draws of the study after a record, which say what other answers would teach."""
 
@@ -454,10 +453,6 @@ class Growth:
             spread = np.frombuffer(kept.spread, dtype=np.int64)
             stage = self._stage(past, bank, spread, scale, utilities)
             return stage if sha256(stage.bank.kpis.tobytes()).digest() == kept.kpis else None
-
-    def _explains(self, past: History) -> bool:
-        stage = self.stage(past)
-        return explains(past, stage.bank, stage.scale, stage.utilities)
 
     def _pool(self, history: History) -> DrawPool:
         stage, last = self.stage(history), history.answered

@@ -125,7 +125,7 @@ SAID_SOON = 2.0
 """Longest wait, in seconds, for what is said of a result before its first report is written."""
 
 
-class Result(NamedTuple):
+class Reported(NamedTuple):
     """What a report is about: the report of another result is written anew."""
 
     best: int | None
@@ -164,7 +164,7 @@ class Calibration:
         return self.interview.now().phase is Phase.OVER
 
     @property
-    def result(self) -> Result:
+    def result(self) -> Reported:
         """Return what a report is about.
 
         A choice at the end reopens a study and ends it within milliseconds, so that it seems never
@@ -172,7 +172,7 @@ class Calibration:
         """
         now = self.interview.now()
         kept = 0 if now.state.kept is None else now.state.kept[0]
-        return Result(now.incumbent, len(now.state.answers), now.phase is Phase.OVER, kept)
+        return Reported(now.incumbent, len(now.state.answers), now.phase is Phase.OVER, kept)
 
     @property
     def again(self) -> str:
@@ -524,7 +524,7 @@ class _Telling:
     """
 
     work: Calibration
-    result: Result | None = None  # what the report is about
+    result: Reported | None = None  # what the report is about
     said: Sequence[str] = ()
     whole: bool = False  # whether that is all
 

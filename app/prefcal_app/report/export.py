@@ -308,7 +308,7 @@ def tuning_of(path: str | Path) -> BestTuning:
         str(before.get("what", "")),
         kpis,
         end,
-        _seed(content),
+        _read_seed(content),
         own,
         digest,
         robust,
@@ -316,7 +316,7 @@ def tuning_of(path: str | Path) -> BestTuning:
     )
 
 
-def _seed(content: Mapping[str, Any]) -> int:
+def _read_seed(content: Mapping[str, Any]) -> int:
     """Return the seed of the study of a best.json; 0 if it does not say one."""
     study = content.get("study")
     seed = study.get("seed") if isinstance(study, Mapping) else None

@@ -173,7 +173,7 @@ def answers(record: StudyRecord) -> Answers:
         "Who answered": f"{counted(len(record.trials), 'experiment')}, "
         f"{counted(record.questions, 'comparison')} by {by}{each}{partial}.{digest}",
         "On which model": model(record),
-        "Experiment": _asked(record.scenario.brief),
+        "Experiment": _shorten_brief(record.scenario.brief),
         "Enough answers?": f"{promise} {record.trust}".strip()
         if promise
         else f"Not stated: {'the study was left before its end' if record.partial else only}.",
@@ -187,7 +187,7 @@ def answers(record: StudyRecord) -> Answers:
     return [(question, answer) for question, answer in found.items() if answer]
 
 
-def _asked(brief: str) -> str:
+def _shorten_brief(brief: str) -> str:
     """Return what an experiment is, by the first sentences of the brief: those that fit into two lines."""
     ends = [k for k in (m.end() for m in re.finditer(r"\.(?=\s|$)", brief)) if k <= _BRIEF]
     return brief[: ends[-1]] if ends else ""
@@ -378,10 +378,10 @@ def verify_best(
             timeout=timeout,
             progress=progress,
         )
-    return _kept(found, tuning, best, timeout, f"{clock(UTC):%Y-%m-%d %H:%M} UTC")
+    return _keep(found, tuning, best, timeout, f"{clock(UTC):%Y-%m-%d %H:%M} UTC")
 
 
-def _kept(found: Verification, tuning: BestTuning, best: Path, timeout: float | None, at: str) -> Verified:
+def _keep(found: Verification, tuning: BestTuning, best: Path, timeout: float | None, at: str) -> Verified:
     """Write what a verification says, with earlier verdicts on the same runs, and draw its worst runs."""
     if found.planned and not found.runs:
         raise ScenarioError("stopped before a random run was completed, so nothing is written")
@@ -494,7 +494,7 @@ def sheet_of(record: StudyRecord) -> dict[str, Any]:
         `of`: name and dates of the study, which follow "Acceptance sheet"; `answers`: what is asked;
         `knobs`: table of the knobs, and of a PID in its parallel form; `kpis`: table of the KPIs,
         what decided first, of limits kept, and how the runs ended; `more_knobs`, `more_kpis`:
-        numbers of those for which the page has no room.
+        numbers of those that are beyond the most rows.
     """
     before, after = record.before, record.result
     gains = gain_rows(record)

@@ -25,7 +25,7 @@ from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.plain import digest
 from prefcal_env.preferences.answer import Answer, Preference, completed
 from prefcal_env.preferences.history import History, Point
-from prefcal_env.sources import Run, Source, Trial
+from prefcal_env.sources import PlantTrial, Run, Source
 from prefcal_env.study import Answered, Event, Finished, Shown, State, StudyFile, Suggested
 from prefcal_env.study.beside import read_learned, write_learned
 from prefcal_scenarios.scenario import Scenario
@@ -253,7 +253,7 @@ def _digest_code() -> bytes:
 class Trying:
     """A trial of the first experiment and the best one on a live plant, and its run."""
 
-    trial: Trial
+    trial: PlantTrial
     run: Run
     best: int
     blind: bool
@@ -556,7 +556,7 @@ class Driver:
     def try_out(self, best: int, *, blind: bool) -> Trying:
         """Return a trial of the first experiment and the best, which has read and written nothing yet."""
         samples, before = self.state.history.samples, self.state.confirmed
-        trial = Trial(
+        trial = PlantTrial(
             {index: np.array(samples[index].theta) for index in (0, best)},
             mark_of_trial(self.file, before),
             lambda: self.file.state.confirmed > before,

@@ -292,7 +292,7 @@ def simulates(agent: Agent) -> bool:
 
 
 @final
-class Pace:
+class RunTimes:
     """How long a run takes: the time between runs that arrive, whatever number of workers they come from."""
 
     def __init__(self) -> None:
@@ -382,7 +382,7 @@ class Simulator:
         """Number of simulations that failed."""
         self._batch = threading.Lock()  # held while a batch runs
         self._abandoned = False
-        self._paces = {nominal: Pace() for nominal in (True, False)}
+        self._times = {nominal: RunTimes() for nominal in (True, False)}
         self._told_at = 0.0
         self.tell: Callable[[], None] = lambda: None
         """Function that is called during a batch, twice a second, when there is progress."""
@@ -406,7 +406,7 @@ class Simulator:
 
         Until perturbed runs are measured, they count as much as nominal ones.
         """
-        each = self._paces[False].seconds or self._paces[True].seconds
+        each = self._times[False].seconds or self._times[True].seconds
         return 0.0 if self.holds is None else _RUNS * each
 
     def start(self) -> None:
@@ -431,7 +431,7 @@ class Simulator:
         with self._batch:
             keys = theta_keys(np.array(thetas, dtype=float)) if len(thetas) else []
             new = {key: t for key, t in zip(keys, thetas, strict=True) if key not in self._known}
-            for pace in self._paces.values():
+            for pace in self._times.values():
                 pace.begin()
             if self._pool is None:
                 self._here(list(new.values()))
@@ -511,7 +511,8 @@ class Simulator:
         known = all_screened(self.scenario, [result for _, result in arrived])
         self._known.update(zip(keys, known, strict=True))
         nominal = self._is_nominal(keys[0])
-        self._paces[nominal].arrived(len(keys), time.monotonic())
+        if self.holds is not None:  # else nobody is told
+            self._times[nominal].arrived(len(keys), time.monotonic())
         if nominal:
             self.count += len(keys)
             self.failed += sum(map(not_, known))

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from prefcal_env.errors import ConnectionLostError, LiveError
 from prefcal_env.experiments.experiment import End, Experiment
-from prefcal_env.sources.source import Change, Progress, Stage, Trial
+from prefcal_env.sources.source import Change, PlantTrial, Progress, Stage
 from prefcal_env.tables.recorded import bridge, recorded
 
 from .plan import Journal, LiveKnob, LivePlan, LivePlant, Role, TypedPlant, all_within, within
@@ -316,7 +316,7 @@ class Drive:
         problem = "" if done else self.problem
         return Driven(experiment, why, done and not keep, stopped, done and keep, problem)
 
-    def try_out(self, trial: Trial, patience: float) -> tuple[str, bool]:
+    def try_out(self, trial: PlantTrial, patience: float) -> tuple[str, bool]:
         """Have the θ that a trial wants on the plant until one of them is confirmed, which then stays.
 
         Whatever else happens, the values from before are restored.
@@ -358,7 +358,7 @@ class Drive:
         shown = self._shows(self.theta)
         return "" if shown else f"it was confirmed, but now {self._refused(self.theta)}"
 
-    def _try(self, trial: Trial, patience: float) -> None:
+    def _try(self, trial: PlantTrial, patience: float) -> None:
         sides = {i: dict(zip(self.theta, map(float, theta), strict=True)) for i, theta in trial.sides.items()}
         self._ways = (self.old, *sides.values())
         # Each of them takes as long as the slowest: else a blind trial would tell which one the plant had.

@@ -14,13 +14,13 @@ from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.sources.source import (
     Change,
     KPIsOf,
+    PlantTrial,
     Progress,
     Run,
     RunCurve,
     Source,
     Stage,
     Table,
-    Trial,
     formula_problems,
     with_own,
 )
@@ -71,7 +71,7 @@ class LiveRig(LivePlan, Source):
         """Return the run that restores what an interrupted one left."""
         return RestoringRun(self)
 
-    def trial(self, trial: Trial) -> Run:
+    def trial(self, trial: PlantTrial) -> Run:
         """Return the run of a trial, which asks for a confirmation before it writes."""
         return TrialRun(self, trial)
 
@@ -140,21 +140,11 @@ class LiveRig(LivePlan, Source):
             self._recover(drive)
             return drive.run()
 
-    def try_out(
-        self,
-        trial: Trial,
-        confirm: Confirm,
-        *,
-        stop: Callable[[], bool] = lambda: False,
-        closing: Callable[[], bool] = lambda: False,
-        tell: Tell = lambda progress: None,
-        clock: Callable[[], float] = time.monotonic,
-        sleep: Callable[[float], None] = time.sleep,
-    ) -> tuple[str, bool]:
+    def try_out(self, trial: PlantTrial, hands: Hands) -> tuple[str, bool]:
         """Have the θ that a trial wants on the plant, until one is confirmed or the trial ends.
 
         No start value is written. Once the plant has shown the same values for an hour, or ten times the
-        duration of a run if that is longer, the trial ends. All but `trial` is as for `drive`.
+        duration of a run if that is longer, the trial ends.
 
         Returns:
             Why nothing was confirmed, so that the values from before had to be restored, or what the plant
@@ -164,7 +154,6 @@ class LiveRig(LivePlan, Source):
             KnobError: If θ is outside the knobs' ranges.
             LiveError: As `drive`, and if the values from before cannot be forgotten.
         """
-        hands = Hands(clock, sleep, confirm, stop, closing, tell)
         first = next(iter(trial.sides.values()))
         with self._kept.alone():
             self._recover(self._drive(first, hands))
@@ -336,7 +325,7 @@ class LiveRun(_Followed):
 class TrialRun(_Followed):
     """A trial: it looks at the plant, waits until a person confirms, and has what they want on it."""
 
-    def __init__(self, rig: LiveRig, trial: Trial) -> None:
+    def __init__(self, rig: LiveRig, trial: PlantTrial) -> None:
         super().__init__(rig)
         self._trial = trial
         for theta in trial.sides.values():
@@ -361,13 +350,7 @@ class TrialRun(_Followed):
             self._look(next(iter(self._trial.sides.values())), starts=False)
             return
         try:
-            why, done = self._rig.try_out(
-                self._trial,
-                self._unchanged,
-                stop=lambda: self._stop.is_set() or self._trial.confirmed(),
-                closing=self._closing.is_set,
-                tell=self._tell,
-            )
+            why, done = self._rig.try_out(self._trial, self._hands())
         finally:
             self.progress = None
         if not done:
@@ -375,7 +358,14 @@ class TrialRun(_Followed):
         before = "" if self._trial.confirmed() else ". The plant has the values from before"
         self.problem = f"{why}{before}" if why else ""
 
-    def _unchanged(self, changes: tuple[Change, ...]) -> bool:
+    def _hands(self) -> Hands:
+        def stop() -> bool:
+            return self._stop.is_set() or self._trial.confirmed()
+
+        confirm, closing = self._confirm_unchanged, self._closing.is_set
+        return Hands(time.monotonic, time.sleep, confirm, stop, closing, self._tell)
+
+    def _confirm_unchanged(self, changes: tuple[Change, ...]) -> bool:
         if changes != self.changes:
             raise LiveError("the plant's values changed before they were confirmed: look again")
         return True

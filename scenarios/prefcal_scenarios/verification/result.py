@@ -210,7 +210,7 @@ class Verification:
         else:
             holds = "Holds" if breakable(self.kpis) else "Not judged, since no limit on runs is stated"
             said = f"{holds}{', but a stated margin is missed' if self.misses_margin else ''}: {held}"
-        usual = "; ".join(self._offered(*each) for each in self.usual)
+        usual = "; ".join(self._offer(*each) for each in self.usual)
         return f"{said}{f' Usual limits: {usual}.' if usual and count else ''} {self.margin_verdict}".rstrip()
 
     @property
@@ -266,7 +266,7 @@ class Verification:
         """Return KPIs with a limit that is usual, and why; none if a limit is stated."""
         return () if breakable(self.kpis) or not self.runs else tuple(self._usual())
 
-    def _offered(self, kpi: KPI, limit: float, why: str) -> str:
+    def _offer(self, kpi: KPI, limit: float, why: str) -> str:
         kept = sum(run.kpis.get(kpi.name, np.inf) <= limit for run in self.runs)
         most = quantity(limit, kpi.unit)
         return f"{kpi.title} at most {most}{why}: {kept} of {len(self.runs)} runs"
@@ -535,7 +535,7 @@ class Verified:
         margins, basis = margins_said([each.margins for each in both], found.tuning.time_unit)
         left = bool(baseline and found.runs) and found.before is None
         if found.before and found.before.runs:
-            compared = _compared(found.runs, found.before.runs, baseline)
+            compared = _compare_counts(found.runs, found.before.runs, baseline)
         else:
             compared = ""
         alone = f" Stopped before the {baseline} ran on these plants." if left else ""
@@ -610,7 +610,7 @@ class Verified:
             raise ScenarioError(f"cannot write {str(path)!r}: {error}. Not kept: {self.statement}") from error
 
 
-def _compared(new: Sequence[VerifiedRun], old: Sequence[VerifiedRun], baseline: str) -> str:
+def _compare_counts(new: Sequence[VerifiedRun], old: Sequence[VerifiedRun], baseline: str) -> str:
     """Return on how many plants the baseline holds; if those are fewer, also how the result does there."""
     held, now = (sum(not run.problems for run in runs[: len(old)]) for runs in (old, new))
     fewer = f"; after: {now} of these {len(old)}" if len(old) < len(new) else ""

@@ -188,7 +188,7 @@ def verify(
         return verified
     thetas, rivals = _rivals(verified, found.space, noise)
     done = _done(Variations(known.at, thetas, rivals), jobs, limit, progress, clock)
-    return replace(verified, others=_counted(found, verified, rivals, done))
+    return replace(verified, others=_count_rivals(found, verified, rivals, done))
 
 
 def _within(known: tuple[Factor, ...], ranges: Ranges) -> tuple[tuple[Factor, ...], list[LeftOut]]:
@@ -402,7 +402,7 @@ def _rivals(verified: Verification, space: KnobSpace, seed: int) -> tuple[list[T
     return thetas, tuple(_Case(k, dict(values), seed) for k in range(len(thetas)) for values in changes)
 
 
-def _counted(
+def _count_rivals(
     scenario: Scenario, verified: Verification, cases: Sequence[_Case], results: Sequence[HasKPIs]
 ) -> Others | None:
     """Return how the tunings of `_rivals` fare in their runs; None if Ctrl-C ended those early."""

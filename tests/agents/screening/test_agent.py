@@ -374,12 +374,12 @@ def by_theta(theta):
 
 
 def studied(cost, count, seed=0):
-    """The record of someone with this cost and `count` answers, its stage, and whether KPIs explain one."""
+    """The record of someone with this cost and `count` answers, its stage, and all of them."""
     grown = Growth(Simulations(unrelated), SQUARE, 60, seed)
     bank = grown.stage(History()).bank
     costs = [cost(theta) for theta in bank.thetas[: count + 1]]
     record = in_chain(bank, range(count + 1), np.sign(np.diff(costs)).astype(int).tolist())
-    return record, grown.stage(record), grown.explains
+    return record, grown.stage(record), grown
 
 
 def proposed(record, stage, seed=0):

@@ -306,7 +306,8 @@ def after(growth, rows, answers, best):
     record = in_chain(growth.stage(History()).bank, rows, answers)
     stage = growth.stage(record)
     theta = growth.stage(History()).bank.thetas[best]
-    return evidence(stage, stage.bank.find(theta), record, explained=growth.explains(record))
+    explained = growth.explains(record, stage.bank, stage.scale, stage.utilities)
+    return evidence(stage, stage.bank.find(theta), record, explained=explained)
 
 
 def answered(agent, count):
@@ -415,7 +416,7 @@ def test_an_agent_has_enough_only_while_its_best_misses_no_objective(monkeypatch
     monkeypatch.setattr(Certificate, "of", lambda found: Certificate(0.1, 0.95, 0.5, (), None, enough=True))
     assert [agent.has_enough(agent.history) for agent in agents] == [True, True, False]
     assert not agents[0].has_enough(agents[0].history.until(2)), "one answer says nothing"
-    assert not agents[0].done, "whoever asks may go on"
+    assert not agents[0].done, "the study decides whether to go on"
 
 
 def test_the_number_of_random_experiments_by_hand():

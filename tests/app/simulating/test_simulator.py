@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from prefcal_app.simulating import Abandoned, SimulationCounts, Simulator
-from prefcal_app.simulating.simulator import Pace
+from prefcal_app.simulating.simulator import RunTimes
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.isolated import isolation
 from support import unseen as unseen_module
@@ -129,7 +129,7 @@ def test_a_robust_study_says_how_long_a_question_takes_once_runs_are_measured(mo
 
 
 def test_a_pause_between_batches_is_no_pace():
-    pace = Pace()
+    pace = RunTimes()
     for start in (0.0, 1000.0):
         pace.begin()
         for k in range(11):

@@ -49,7 +49,7 @@ def test_the_terminal_tells_while_it_waits_and_in_the_status(interview):
 
 def test_how_long_a_question_takes_is_said_once_in_the_terminal_and_on_the_page(interview):
     interview._driver.thoughts.simulator.holds = lambda thetas, most: [most] * len(thetas)
-    for pace in interview._driver.thoughts.simulator._paces.values():
+    for pace in interview._driver.thoughts.simulator._times.values():
         pace.begin()
         for k in range(21):
             pace.arrived(1, 0.1 * k)

@@ -1,7 +1,7 @@
 """A live plant in memory, whose time is simulated, for tests of live rigs."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import nan
 from pathlib import Path
 
@@ -90,8 +90,8 @@ def simulate_time(plant: Memory, monkeypatch: pytest.MonkeyPatch) -> None:
     def recovered(self, **rest):
         return recover(self, clock=plant.clock, sleep=plant.sleep, **rest)
 
-    def tried(self, trial, confirm, **rest):
-        return trying(self, trial, confirm, clock=plant.clock, sleep=plant.sleep, **rest)
+    def tried(self, trial, hands):
+        return trying(self, trial, replace(hands, clock=plant.clock, sleep=plant.sleep))
 
     monkeypatch.setattr(LiveRig, "drive", drive)
     monkeypatch.setattr(LiveRig, "try_out", tried)

@@ -20,7 +20,7 @@ from prefcal_app.view import now_view, trial_view
 from prefcal_app.web import Window
 from prefcal_env import Knob
 from prefcal_env.errors import StaleError, StudyError
-from prefcal_env.sources import Trial
+from prefcal_env.sources import PlantTrial
 from prefcal_env.study import StudyFile
 from prefcal_env.worlds.live import Journal, LiveKnob
 from prefcal_env.worlds.live.drive import Drive, Hands
@@ -244,7 +244,7 @@ def test_without_a_press_for_an_hour_the_values_from_before_are_back(scenario, p
 
 def test_values_that_take_longer_to_write_than_the_patience_are_on_the_plant_for_as_long(plant, tmp_path):
     sides = {0: np.array([9.0, 10.0]), 1: np.array([2.0, 10.0])}
-    rig, trial, seen = memory_rig(plant, tmp_path), Trial(sides, "a trial", lambda: False), []
+    rig, trial, seen = memory_rig(plant, tmp_path), PlantTrial(sides, "a trial", lambda: False), []
     plant.at = lambda plant: seen.append(plant.now) if trial.shown == 0 else None
     hands = Hands(plant.clock, plant.sleep, confirm=lambda changes: True)
     drive = Drive(rig, {"K_p": 9.0, "T_i": 10.0}, rig.journal, hands, starts=False)
