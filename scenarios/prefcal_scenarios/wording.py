@@ -20,7 +20,8 @@ from .scenario import KPI
 # --- Format numbers and names for terminals, HTML and plots.
 
 _SUBSCRIPTED = re.compile(r"([^\W_]+)_(\w+)")
-_SYMBOL = re.compile(r"(?<![\w./:-])([A-Za-z])_(\w{1,2})(?!\w|=|[./:]\w)")
+# Not between quotes, whose end is an entity in HTML: what is there is typed.
+_SYMBOL = re.compile(r"(?<![\w./:;-])([A-Za-z])_(\w{1,2})(?!\w|=|[./:]\w)")
 
 MISSING = "–"
 """Text of a value that is not known."""

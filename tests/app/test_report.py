@@ -82,6 +82,7 @@ def test_what_follows_an_underscore_is_a_subscript(page):
 
 
 def test_symbols_in_sentences_have_subscripts_and_names_of_files_stay():
+    assert symbols_in('kpis = {"M_s" = {at_most = 2}}') == "kpis = {&#34;M_s&#34; = {at_most = 2}}"
     said = symbols_in("M_s ≤ 2 (K_p, T_i): docs/own_scenario.py:my_loop and x_1.py stay. Then T_d.")
     assert said == (
         "M<sub>s</sub> ≤ 2 (K<sub>p</sub>, T<sub>i</sub>): docs/own_scenario.py:my_loop and x_1.py stay. "

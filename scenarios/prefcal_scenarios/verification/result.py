@@ -200,7 +200,9 @@ class Verification:
     def headline(self) -> str:
         """Return whether it holds: what is stated decides; if nothing is, usual limits are counted."""
         own, count, loop = self.tuning.nominal, len(self.runs), self.tuning.margins
-        held = f"{count - len(self.failed)} of {count} runs {self.asked}." if count else ""
+        unsafe = sum(run.end is End.UNSAFE for run in self.runs)
+        ended = f"; {unsafe} end unsafe" if unsafe else ""
+        held = f"{count - len(self.failed)} of {count} runs {self.asked}{ended}." if count else ""
         if self.failed:
             said = f"Does not hold: {held}"
         elif own.problems or loop == UNSTABLE:  # nominally, which no count of varied runs says

@@ -9,6 +9,7 @@ from scipy.special import betaincinv
 
 from prefcal_env import Channel, Experiment, Knob, KnobSpace, recorded
 from prefcal_env.errors import KnobError, ScenarioError, SettingsError
+from prefcal_env.experiments.experiment import End
 from prefcal_env.sources.varied import UNMODELED, within
 from prefcal_scenarios import KPI, Scenario, load
 from prefcal_scenarios.verification import replay, verify
@@ -448,6 +449,9 @@ def test_a_tuning_holds_if_all_runs_and_the_nominal_loop_keep_what_is_stated_of_
     wide = (KPI("weight", "weight", at_most=9.0),)
     found = verify(replace(SPRING, kpis=wide), THETA, 3, jobs=1)
     assert found.headline == "Holds: 3 of 3 runs keep the stated limits."
+    burst = replace(found.runs[0], end=End.UNSAFE, problems=("the run ended early: unsafe",))
+    some = replace(found, tuning=replace(found.tuning, runs=(*found.runs, burst, burst)))
+    assert some.headline == "Does not hold: 3 of 5 runs keep the stated limits; 2 end unsafe."
     assert replace(found, tuning=replace(found.tuning, runs=())).headline.startswith("Not verified: no run")
     M_s = KPI("M_s", "maximum sensitivity M_s", at_most=2.0, margin=True)
     nominal = replace(found.tuning.nominal, kpis={**found.tuning.nominal.kpis, "M_s": 2.5})

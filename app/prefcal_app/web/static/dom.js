@@ -55,9 +55,9 @@ export const counted = (count, noun) => `${count} ${noun}${count === 1 ? "" : "s
 export const values = (knobs, kind = "") => el("dl", { class: `values ${kind}` }, knobs.map(({ name, text, unit, title }) =>
   el("div", { title }, el("dt", {}, symbol(name)), el("dd", {}, withUnit(text, unit)))));
 
-// Return "C_A" with a subscript; "T_s=0.5" in a command stays as it is typed.
+// Return C_A with a subscript; T_s=0.5 in a command, and "M_s" between quotes, stay as they are typed.
 export function symbol(text) {
-  const parts = text.split(/_([\p{L}\p{N}_]+)(?![\p{L}\p{N}_=])/u);
+  const parts = text.split(/_([\p{L}\p{N}_]+)(?![\p{L}\p{N}_="])/u);
   return parts.map((part, i) => (i % 2 ? el("sub", {}, part.replaceAll("_", " ")) : part));
 }
 
