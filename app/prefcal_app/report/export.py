@@ -318,8 +318,7 @@ def tuning_of(path: str | Path) -> BestTuning:
 
 def _read_seed(content: Mapping[str, Any]) -> int:
     """Return the seed of the study of a best.json; 0 if it does not say one."""
-    study = content.get("study")
-    seed = study.get("seed") if isinstance(study, Mapping) else None
+    seed = content.get("study", {}).get("seed")
     return seed if isinstance(seed, int) and seed >= 0 else 0
 
 

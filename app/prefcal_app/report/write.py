@@ -237,8 +237,7 @@ def verdict_of(record: StudyRecord, verified: Verified | str | None = None) -> s
     """Return the verdict above the tables of the sheet, of a study and what was verified of it."""
     if isinstance(verified, Verified):
         return verified.verdict
-    assert record.best is not None
-    missed = [kpi for kpi in record.kpis if kpi.met_by(record.best.experiment) is False]
+    missed = [kpi for kpi in record.kpis if kpi.met_by(record.result.experiment) is False]
     runs, margins = (", ".join(k.title for k in missed if k.margin == each) for each in (False, True))
     lost = f"Does not hold: {runs}, required of the experiment itself, not kept. " if runs else ""
     lost += f"Margins not kept: {margins}. " if margins else ""

@@ -88,7 +88,7 @@ def margins_at(known: Varied, theta: Float[np.ndarray, " n"]) -> Margins | str:
     except Exception as error:  # people's own plants and controllers can raise anything
         return f"no margins: {error}"
     try:
-        target = loop.ended and _margins_of(loop, loop.ended, theta)
+        target = _margins_of(loop, ended, theta) if (ended := loop.ended) else None
     except Exception:  # such as an input that would be at a limit there
         target = None
     # The same to the last printed digit: the plant is linear, or did not move.
@@ -152,7 +152,8 @@ class Verification:
         tuning: How the tuning fares.
         before: How the current tuning does on the same plants; None if it is not known.
         alone: Runs of the tuning with the lowest and the highest value of each factor, in pairs.
-        others: How other tunings fare; None if that is not known: all runs are good, or it takes long.
+        others: How other tunings fare; None if they were not tried: all runs are good, some are missing, or
+            a run is no simulation.
     """
 
     scenario: str
