@@ -20,6 +20,7 @@ from .varied_plant import (
     AT_ZERO,
     DELAY,
     at_rest,
+    at_target,
     factors_of,
     latest,
     rest,
@@ -180,33 +181,24 @@ class VariedLoop:
 
         It is the slowest one that is not longer than the experiment, and a twentieth of that at most: slower
         parts act as integrators meanwhile. A tenth of the hours of a wall would stop any heating that acts
-        within minutes.
+        within minutes. Of a plant that is not linear, it is the shorter one of those at start and target.
         """
+        tasks = self.task, at_target(self.plant, self.task)
+        return min(self._dominant_at(task) for task in tasks if task is not None)
+
+    def _dominant_at(self, task: Task) -> float:
         own = self.plant.plant if isinstance(self.plant, Disturbed) else self.plant
-        point = self.task.x0, self.task.u0, self.task.disturbance(0.0)
+        point = task.x0, task.u0, task.disturbance(0.0)
         try:
             J = local_system(own if isinstance(own, LinearPlant) else self.plant, *point)
         except PlantError:  # such as the outflow of an empty tank, whose derivative is infinite
-            return self.task.horizon / 20
+            return task.horizon / 20
         poles = np.linalg.eigvals(J.A)
         if J.dt:
             poles = np.log(poles[np.abs(poles) > AT_ZERO].astype(complex)) / J.dt
-        rates, horizon = np.abs(poles), self.task.horizon
+        rates, horizon = np.abs(poles), task.horizon
         slowest = 1 / rates[rates * horizon >= 1.0].min(initial=np.inf)
         return float(min(slowest or np.inf, horizon / 20))
-
-    @property
-    def ended(self) -> Task | None:
-        """Return the task at rest at its last reference; None if the plant cannot rest there.
-
-        A linear plant is the same everywhere, so for it there is none either.
-        """
-        task, d = self.task, self.task.disturbance(0.0)
-        if isinstance(getattr(self.plant, "plant", self.plant), LinearPlant):
-            return None
-        aims, chosen = task.reference(task.horizon), list(tracked_of(task)[: len(self.plant.inputs)])
-        found = rest(self.plant, task.x0, task.u0, d, chosen, aims[chosen].tolist())
-        return None if found is None else replace(task, x0=found[0], u0=found[1], y_ref=aims)
 
     @property
     def start(self) -> Y:

@@ -14,7 +14,8 @@ from prefcal_env.plants.plant import Disturbed, Plant
 from prefcal_env.plants.systems import DEAD_TIMES, LinearPlant, Sample, scale_times
 from prefcal_env.sources.varied import CHANGE, LEAST, NARROWER, NOT_NEGATIVE, SIZE, Factor, Values
 
-from .plant_env import dead_times
+from .plant_env import dead_times, tracked_of
+from .task import Task
 
 # --- The steady state of a varied plant: it starts where its controller had brought it.
 
@@ -56,6 +57,21 @@ def rest(
             near = np.abs(left) <= _NEAR * (1 + np.abs(rows) @ scale)
             return (x, u) if near.all() else None
     return None
+
+
+def at_target(plant: Plant, task: Task) -> Task | None:
+    """Return the task at rest at its last reference; None if the plant cannot rest there within its limits.
+
+    A linear plant is the same everywhere, so for it there is none either.
+    """
+    d, aims = task.disturbance(0.0), task.reference(task.horizon)
+    if isinstance(getattr(plant, "plant", plant), LinearPlant):
+        return None
+    chosen = list(tracked_of(task)[: len(plant.inputs)])
+    found = rest(plant, task.x0, task.u0, d, chosen, aims[chosen].tolist())
+    if found is None or not all(c.low < u < c.high for c, u in zip(plant.inputs, found[1], strict=True)):
+        return None
+    return replace(task, x0=found[0], u0=found[1], y_ref=aims)
 
 
 def at_rest(plant: Plant, x: X, u: U, d: Float[np.ndarray, " n_d"]) -> bool:

@@ -259,10 +259,6 @@ class KnownLoop(Protocol):
         """`Task` of the study."""
 
     @property
-    def ended(self) -> Any | None:
-        """`Task` at rest at its last reference, of a plant that is another one there; None else."""
-
-    @property
     def controller(self) -> Callable[[Float[np.ndarray, " n"]], Any]:
         """Function of a physical θ, shape (n,), that makes the controller."""
 

@@ -512,7 +512,8 @@ _MARKS = {
 def open_loop(found: Sequence[Margins | str], kpis: Sequence[KPI], plant: Plant) -> bytes:
     """Return a PNG with the Nyquist diagram of the result and of the tuning before; empty without one.
 
-    Of several inputs each has a curve, with the other loops closed.
+    Of several inputs each has a curve, with the other loops closed. A plant that is another one at its
+    target is drawn where the result has the larger M_s.
 
     Args:
         found: Margins of the result, then perhaps of the tuning before.
@@ -520,7 +521,8 @@ def open_loop(found: Sequence[Margins | str], kpis: Sequence[KPI], plant: Plant)
         plant: Plant, whose inputs and unit of time are named.
     """
     inputs, unit = [c.name for c in plant.inputs], plant.time_unit
-    result, *others = (m.loop if isinstance(m, Margins) else None for m in found)
+    place, at = _weaker(found[0])
+    result, *others = (at(m).loop if isinstance(m, Margins) else None for m in found)
     if result is None:
         return b""
     with style():
@@ -539,10 +541,19 @@ def open_loop(found: Sequence[Margins | str], kpis: Sequence[KPI], plant: Plant)
                 axes.plot(L.real, L.imag, color=color, linewidth=width, linestyle=dashes, label=label)
         _marks(axes, result, unit)
         axes.plot(-1, 0, "+", color=INK, markersize=9)
-        axes.set_title(f"Open loop, sampled every {number(np.pi / result.omega[-1])} {unit} (Nyquist)")
+        axes.set_title(f"Open loop{place}, sampled every {number(np.pi / result.omega[-1])} {unit} (Nyquist)")
         axes.set_aspect("equal", adjustable="box")
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
         return png(figure)
+
+
+def _weaker(result: Margins | str) -> tuple[str, Callable[[Margins], Margins]]:
+    """Return where the result has the larger M_s, in words, and what reads the margins there."""
+    if isinstance(result, str) or result.target is None:
+        return "", lambda m: m
+    if result.target.loop is not None and result.target.M_s > result.M_s:
+        return " at the target", lambda m: m.target or m
+    return " at the start", lambda m: m
 
 
 def _marks(axes: Axes, loop: OpenLoop, unit: str) -> None:

@@ -85,7 +85,8 @@ class OPCUAPlant:
             self._loop = None
 
     async def _connect(self) -> None:
-        client = self._asyncua.Client(self.address, timeout=self._timeout)
+        # Its own watchdog would give up after 1 s, however slow the server may be.
+        client = self._asyncua.Client(self.address, self._timeout, watchdog_intervall=self._timeout)
         if self._user:
             client.set_user(self._user)
             client.set_password(self._password)

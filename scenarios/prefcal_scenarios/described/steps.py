@@ -1,6 +1,7 @@
 """The scenario of a plant whose references step one after the other, then loads act, and its KPIs."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Protocol, Self
@@ -12,7 +13,8 @@ from prefcal_env.controllers.stored import as_data
 from prefcal_env.envs.closed_loop import ClosedLoop
 from prefcal_env.envs.plant_env import PlantEnv, delays_of
 from prefcal_env.envs.task import StepSignal, Task
-from prefcal_env.errors import ScenarioError
+from prefcal_env.envs.varied_plant import at_target
+from prefcal_env.errors import PlantError, ScenarioError
 from prefcal_env.experiments.events import entry_time
 from prefcal_env.experiments.experiment import Channel, Controller, Experiment
 from prefcal_env.experiments.panels import Panel
@@ -49,6 +51,17 @@ class Measure:
 
     design: Design  # what was chosen for the plant
     laws: Laws  # controllers of all θ
+    there: Laws | None  # the same around the target, of a plant that is another one there
+
+    @classmethod
+    def of(cls, design: Design, laws: Laws, env: PlantEnv) -> "Measure":
+        """Return the KPIs of a plant that is linearized in `design`."""
+        task, there = at_target(env.plant, env.task), None
+        if task is not None:
+            with suppress(PlantError):  # such as one without a derivative there
+                found = design.around(env.plant, task.x0, task.u0, task.disturbance(0.0))
+                there = laws.around(env.plant, found)
+        return cls(design, laws, there)
 
     @property
     def targets(self) -> list[tuple[int, float]]:
@@ -63,7 +76,7 @@ class Measure:
         steps = ((loop, loop.output, task.reference(k * phase)) for k, loop in enumerate(found.loops))
         moved = (replace(loop, start=float(y[j]), target=float(r[j])) for loop, j, r in steps)
         found = replace(found, loops=tuple(moved))
-        return replace(self, design=found, laws=self.laws.around(plant, found))
+        return Measure.of(found, self.laws.around(plant, found), env)
 
     def __call__(self, experiment: Experiment) -> dict[str, float]:
         """Return the KPIs by name; an infinite time means never."""
@@ -72,7 +85,11 @@ class Measure:
             if len(experiment.t) > 1:
                 end = self.design.suffix(k)
                 found |= {f"{n}{end}": v for n, v in self._values(experiment, loop, k).items()}
-        return found | {"M_s": self.laws.sensitivity(experiment.theta)}
+        return found | {"M_s": self.sensitivity(experiment.theta)}
+
+    def sensitivity(self, theta: Float[np.ndarray, " n"]) -> float:
+        """Return the maximum sensitivity of a physical θ, shape (n,): the larger one of start and target."""
+        return max(laws.sensitivity(theta) for laws in (self.laws, self.there) if laws is not None)
 
     def _values(self, e: Experiment, loop: Single, k: int) -> dict[str, float]:
         """Return the values of loop k, whose step is after k phases; then the loads come."""
@@ -129,12 +146,12 @@ _ROWS = (
 """Name, title, unit and meaning of the KPIs of each loop."""
 
 
-def kpis_of(design: Design, outputs: tuple[Channel, ...], time: str, robust: float) -> tuple[KPI, ...]:
+def kpis_of(measure: Measure, outputs: tuple[Channel, ...], time: str, robust: float) -> tuple[KPI, ...]:
     """Return the KPIs, in order of importance; all are better if lower.
 
     The maximum sensitivity has an objective if `robust`, that in the middle of the ranges, meets it.
     """
-    found: list[KPI] = []
+    found, design = list[KPI](), measure.design
     for k, loop in enumerate(design.loops):
         y, u = outputs[loop.output], loop.channel
         words = {"y": y.name, "unit": y.unit, "time": time, "u": u.name, "u_unit": u.unit}
@@ -142,8 +159,9 @@ def kpis_of(design: Design, outputs: tuple[Channel, ...], time: str, robust: flo
             more = {"resolution": 0.1} if name == "overshoot" else {}
             end = design.suffix(k)
             found.append(_lower(f"{name}{end}", title.format(**words), unit.format(**words), about, **more))
+    where = ", at start or target" if measure.there is not None else ""
     about = (
-        "Largest amplification of disturbances at any frequency, by the linearized loop: 1.2 to 2 "
+        f"Largest amplification of disturbances at any frequency, by the linearized loop{where}: 1.2 to 2 "
         "is usual, a large one is close to instability."
     )
     limit = _ROBUST if robust <= _ROBUST else np.inf
@@ -243,10 +261,11 @@ def scenario_of_steps(plant: Plant, found: Design, laws: Laws, space: KnobSpace,
         inputs[loop.input] = loop.channel
     loaded = Disturbed(plant, on_inputs=range(len(inputs)), inputs=tuple(inputs))
     env = PlantEnv(loaded, _task(plant, found))
+    measure = Measure.of(found, laws, env)
     return Scenario(
         space=space,
-        run=ClosedLoop(env, laws.make, Measure(found, laws)),
-        kpis=kpis_of(found, plant.outputs, plant.time_unit, laws.sensitivity(middle)),
+        run=ClosedLoop(env, laws.make, measure),
+        kpis=kpis_of(measure, plant.outputs, plant.time_unit, measure.sensitivity(middle)),
         panels=_panels(plant, found),
         controller=laws.make,
         settings=partial(_data, laws),

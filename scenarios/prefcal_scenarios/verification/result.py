@@ -11,14 +11,16 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import betaincinv
 
-from prefcal_env.controllers.margins import UNCONSTRAINED, UNSTABLE, Margins, margins
+from prefcal_env.controllers.margins import UNCONSTRAINED, UNSTABLE, Margins, margins, margins_at_target
 from prefcal_env.disk import digest_of, write_durably
 from prefcal_env.envs.task import Task
 from prefcal_env.envs.varied_loop import STEPPED
+from prefcal_env.envs.varied_plant import at_target
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import End
 from prefcal_env.plain import from_plain, to_plain
-from prefcal_env.sources.source import KnownLoop, Varied
+from prefcal_env.plants.plant import Plant
+from prefcal_env.sources.source import Varied
 from prefcal_env.sources.varied import Factor, LeftOut
 from prefcal_scenarios.runs import HasKPIs
 from prefcal_scenarios.scenario import KPI, Scenario
@@ -83,27 +85,25 @@ def margins_at(known: Varied, theta: Float[np.ndarray, " n"]) -> Margins | str:
     """
     if (loop := known.loop) is None:
         return UNKNOWN
+    make, target = partial(loop.controller, theta), at_target(loop.plant, loop.task)
     try:
-        start = _margins_of(loop, loop.task, theta)
+        start = margins(loop.plant, loop.task, make)
     except Exception as error:  # people's own plants and controllers can raise anything
         return f"no margins: {error}"
-    try:
-        target = _margins_of(loop, ended, theta) if (ended := loop.ended) else None
-    except Exception:  # such as an input that would be at a limit there
-        target = None
+    there = margins_at_target(loop.plant, loop.task, make)
     # The same to the last printed digit: the plant is linear, or did not move.
-    if target is None or _by_kpi(target) == _by_kpi(start):
-        return replace(start, place="")
-    return replace(start, target=target)
+    if target is None or there is None or _by_kpi(there) == _by_kpi(start):
+        return start
+    return replace(
+        start, place=_place(loop.plant, loop.task), target=replace(there, place=_place(loop.plant, target))
+    )
 
 
-def _margins_of(loop: KnownLoop, task: Task, theta: Float[np.ndarray, " n"]) -> Margins:
-    """Return the margins where a task starts, and that place in words."""
-    y = loop.plant.g(task.x0, task.u0, task.disturbance(0.0))
-    channels = *loop.plant.outputs, *loop.plant.inputs
-    at = (f"{c.name} {quantity(v, c.unit)}" for c, v in zip(channels, [*y, *task.u0], strict=True))
-    found = margins(loop.plant, task, partial(loop.controller, theta))
-    return replace(found, place=", ".join(at))
+def _place(plant: Plant, task: Task) -> str:
+    """Return where a task starts, in words."""
+    y = plant.g(task.x0, task.u0, task.disturbance(0.0))
+    channels = *plant.outputs, *plant.inputs
+    return ", ".join(f"{c.name} {quantity(v, c.unit)}" for c, v in zip(channels, [*y, *task.u0], strict=True))
 
 
 def _by_kpi(m: Margins) -> dict[str, float]:
@@ -218,13 +218,11 @@ class Verification:
 
     @property
     def misses_margin(self) -> bool:
-        """Return whether the nominal loop misses a limit on a margin, where it starts or at its target."""
-        found = self.tuning.margins
-        target = None if isinstance(found, str) else found.target
-        places = [self.tuning.nominal.kpis, *([_by_kpi(target)] if target else [])]
-        stated = [kpi for kpi in self.kpis if kpi.margin and kpi.met(0.0) is not None]
-        missed = (k.met(k.read(at[k.name])) is False for at in places for k in stated if k.name in at)
-        return target == UNSTABLE or any(missed)
+        """Return whether the nominal loop misses a limit on a margin, or is not stable at its target."""
+        found, values = self.tuning.margins, self.tuning.nominal.kpis
+        stated = (k for k in self.kpis if k.margin and k.name in values)
+        unstable = isinstance(found, Margins) and found.target == UNSTABLE
+        return unstable or any(k.met(k.read(values[k.name])) is False for k in stated)
 
     @property
     def statement(self) -> str:
@@ -291,15 +289,12 @@ class Verification:
         found = self.tuning.margins
         if found == UNSTABLE:
             return "The nominal loop is not stable: it has no margins."
-        said = self._stated_margins(self.tuning.nominal.kpis)
+        said = self._stated_margins()
         target = None if isinstance(found, str) else found.target
         if target == UNSTABLE:
             there = " At its target, it is NOT STABLE."
-        elif said:
-            kept = self._stated_margins(_by_kpi(target)) if target else ""
-            there = f" At its target: {kept}." if kept else ""
-        else:
-            there = f" At its target, it {_usual_margins(target)}." if target else ""
+        else:  # what is stated is judged by a KPI, which is the worse of start and target
+            there = f" At its target, it {_usual_margins(target)}." if target and not said else ""
         if said or isinstance(found, str):
             return f"Margins of the nominal loop: {said}.{there}" if said else ""
         usual, has = ", ".join(words for words, *_ in _USUAL), f"{_usual_margins(found)}."
@@ -307,8 +302,9 @@ class Verification:
             has, there = f"{has[:-1]}, also at its target.", ""
         return f"No limit on a margin is stated. Usual are {usual}: the nominal loop {has}{there}"
 
-    def _stated_margins(self, values: Mapping[str, float]) -> str:
-        """Return whether margins by KPI keep the limits that are stated; "" without any."""
+    def _stated_margins(self) -> str:
+        """Return whether the KPIs that are margins keep the limits that are stated; "" without any."""
+        values = self.tuning.nominal.kpis
         stated = [kpi for kpi in self.kpis if kpi.margin and kpi.met(0.0) is not None and kpi.name in values]
         return "; ".join(_kept_margin(kpi, kpi.read(values[kpi.name])) for kpi in stated)
 
@@ -667,9 +663,9 @@ def margins_said(found: Sequence[Margins | str], time_unit: str) -> tuple[tuple[
         return (), first
     stable = "; this loop is NOT STABLE" if first == UNSTABLE else ""
     there = ""
-    if (target := first.target) is not None:
-        rows = ", ".join(f"{name} {value}" for name, value in _margin_rows([target], time_unit))
-        there = f" ({first.place}); at its target ({target.place}): {rows}"
+    if (moved := next((m for m in found if isinstance(m, Margins) and m.target), None)) is not None:
+        assert moved.target is not None
+        there = f": its start is {moved.place}, its target {moved.target.place}"
     return tuple(_margin_rows(found, time_unit)), f"margins of {UNCONSTRAINED}{stable}{there}"
 
 
@@ -677,15 +673,20 @@ def _margin_rows(found: Sequence[Margins | str], time_unit: str) -> Iterator[tup
     """Yield a row for each margin; a gain margin has a second number if the gain must not fall by more.
 
     They are rounded as the KPIs are that have limits: what is printed is what a limit is compared with.
+    Of a plant that is another one at its target, each has two rows.
     """
-    for name, read in (
-        ("gain margin [dB]", _gain_margin),
-        ("phase margin [°]", lambda m: number(_phase(m))),
-        (labeled("delay margin", time_unit), lambda m: number(m.delay)),
-        ("maximum sensitivity M_s", lambda m: number(_sensitivity(m))),
-        ("disk margin", lambda m: number(_disk(m))),
+    moved = any(isinstance(m, Margins) and m.target for m in found)
+    for name, unit, read in (
+        ("gain margin", "dB", _gain_margin),
+        ("phase margin", "°", lambda m: number(_phase(m))),
+        ("delay margin", time_unit, lambda m: number(m.delay)),
+        ("maximum sensitivity M_s", "", lambda m: number(_sensitivity(m))),
+        ("disk margin", "", lambda m: number(_disk(m))),
     ):
-        yield name, *(read(m) if isinstance(m, Margins) else number(None) for m in found)
+        for place in ("start", "target") if moved else ("",):
+            there = (m.target or m if isinstance(m, Margins) and place == "target" else m for m in found)
+            cells = (read(m) if isinstance(m, Margins) else number(None) for m in there)
+            yield labeled(f"{name} at the {place}" if place else name, unit), *cells
 
 
 def _gain_margin(m: Margins) -> str:

@@ -34,7 +34,15 @@ from prefcal_scenarios.described.lqr_scenario import lqr_scenario
 from prefcal_scenarios.described.pid_scenario import pid_scenario
 from prefcal_scenarios.names import CLOSED_LOOPS
 from prefcal_scenarios.verification import verify
-from prefcal_scenarios.verification.result import BEST, FILE, Verified, VerifiedRun, WorstRun, margins_said
+from prefcal_scenarios.verification.result import (
+    BEST,
+    FILE,
+    Verified,
+    VerifiedRun,
+    WorstRun,
+    margins_at,
+    margins_said,
+)
 from prefcal_scenarios.verification.varied_runs import Perturbed, runs_kept
 from support.varied_loops import (
     assert_it_starts_at_rest_where_the_study_does,
@@ -438,15 +446,39 @@ def test_margins_of_a_plant_that_is_not_linear_are_those_of_the_target_too():
         "them all. At its target, it does not have M_s ≤ 2 or gain ≥ 6 dB."
     )
     rows, basis = margins_said([found.tuning.margins], "s")
-    assert rows[0] == ("gain margin [dB]", "6.36")
-    assert "operating point (level 1 m, valve 25 %); at its target (level 4 m, valve 50 %): gain" in basis
-    assert basis.count("5.86") == 1
+    assert rows[:2] == (("gain margin at the start [dB]", "6.36"), ("gain margin at the target [dB]", "5.86"))
+    assert basis.endswith("point: its start is level 1 m, valve 25 %, its target level 4 m, valve 50 %")
     # Nothing is said twice of a plant that is the same everywhere, also if only its equations are known.
     line = FunctionPlant(lambda x, u, d: [0.004 * u[0] - 0.05 * x[0] - 0.05], states=[level], inputs=[valve])
     same = verified(line)
     assert same.tuning.margins.target is None
     assert margins_said([same.tuning.margins], "s")[1].endswith("operating point")
     assert "target" not in same.margin_verdict
+
+
+@pytest.mark.parametrize(("target", "worse"), [(12.0, "target"), (1.0, "start")])
+def test_margins_as_kpis_are_the_worse_of_start_and_target(target, worse):
+    level, valve = Channel("level", "m", low=0, high=20), Channel("valve", "%", low=0, high=100)
+    tank = FunctionPlant(
+        lambda x, u, d: [0.004 * u[0] - 0.1 * max(x[0], 1e-9) ** 0.5],
+        states=[replace(level, target=4.0)],
+        inputs=[valve],
+        delay=15.0,
+    )
+    scenario = pid_scenario(tank, reference={"level": target})
+    theta = scenario.references["robust"] * [1.9, 1, 1, 1]
+    start = margins_at(scenario.source.varied(), theta)
+    peaks = {"start": start.M_s, "target": start.target.M_s}
+    assert max(peaks, key=peaks.get) == worse
+    run = scenario.run(theta)
+    assert run.kpis["M_s"] == pytest.approx(peaks[worse], rel=0.01)
+    assert abs(peaks["start"] - peaks["target"]) > 0.02 * peaks[worse]
+    kpis = MarginKPIs(scenario.run)(run)
+    for name in ("phase", "delay", "disk"):
+        both = getattr(start, name), getattr(start.target, name)
+        assert kpis[f"{name}_margin"] == pytest.approx(min(both))
+    (M_s,) = (kpi for kpi in scenario.kpis if kpi.name == "M_s")
+    assert "at start or target" in M_s.about
 
 
 def test_margins_as_kpis_are_those_of_the_varied_plant():

@@ -70,6 +70,27 @@ def test_a_run_over_opc_ua_records_and_restores(tank, tmp_path):
     assert [change.old for change in changes] == pytest.approx([1.0, 20.0, 1.0])
 
 
+def test_a_server_that_stalls_for_less_than_the_time_limit_is_not_lost(tank, monkeypatch):
+    """The library's own watchdog gives up after 1 s, unless it is told otherwise."""
+    plant, simulate, stalls = OPCUAPlant(tank.url, timeout=8.0), tank.simulate, threading.Event()
+    plant.connect()
+
+    def stall(seconds):
+        if not stalls.is_set():
+            stalls.set()
+            time.sleep(2.5)
+        simulate(seconds)
+
+    monkeypatch.setattr(tank, "simulate", stall)
+    assert stalls.wait(10)
+    time.sleep(3.0)
+    try:
+        assert plant.read(["ns=2;s=Tank.Kp"]) == [1.0]
+        assert plant.connected
+    finally:
+        plant.close()
+
+
 def test_what_the_library_logs_is_not_printed(tank):
     """The server grants a shorter session than was asked for, which the library warns of."""
     words = "from prefcal_env.worlds.live import OPCUAPlant as P; p = P({!r}); p.connect(); p.close()"
