@@ -170,7 +170,8 @@ def stored(folder: Path) -> list[Row]:
 def _row(content: dict[str, Any]) -> Row:
     if "lost" in content["evidence"]:
         return Row(**content | {"evidence": Foresight(**content["evidence"])})
-    found = {f.name: content["evidence"][f.name] for f in fields(Evidence)}
+    kept = {"spread": 1000} | content["evidence"]  # what every study simulates; the oldest do not say it
+    found = {f.name: kept[f.name] for f in fields(Evidence)}
     return Row(**content | {"evidence": Evidence(**found | {"promising": tuple(found["promising"])})})
 
 

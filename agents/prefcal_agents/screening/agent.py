@@ -91,6 +91,7 @@ class Evidence:
         explained: Whether KPIs predict the answers about as well as θ does, see `explains`.
         chance: Share of the draws to which the most promising θ is noticeably better.
         promising: The most promising θ of those that were not shown, physical.
+        spread: Number of simulated θ that fill the space.
     """
 
     answers: int
@@ -101,6 +102,7 @@ class Evidence:
     explained: bool
     chance: float
     promising: tuple[float, ...]
+    spread: int
 
     @property
     def terms(self) -> tuple[float, ...]:
@@ -150,6 +152,9 @@ class Certificate:
             return cls(None, PROBABILITY, None, found.promising)
         constant, *slopes = _SHARE
         size = constant + float(np.dot(slopes, found.terms))
+        # If s of all θ are better, no θ of N is with probability (1 - s)^N: a few cannot show a small share.
+        unseen = 1 - (1 - PROBABILITY) ** (1 / found.spread)
+        size = max(size, np.log10(unseen)) if unseen > LEAST else size
         # Rounded up: fewer θ are better than is said, never more.
         share = ceil(100 * np.clip(10.0 ** min(size, 0.0), LEAST, 1.0)) / 100
         constant, slope = _CHANCE
@@ -157,17 +162,20 @@ class Certificate:
         believed = np.clip(found.chance, 1.0 - _SURE, _SURE)
         chance = float(expit(constant + slope * logit(believed)))
         enough = found.answers in ENOUGH_AFTER and share <= ENOUGH_SHARE and chance <= ENOUGH_CHANCE
-        return cls(share, PROBABILITY, chance, found.promising, _experiments(size), enough)
+        return cls(share, PROBABILITY, chance, found.promising, _experiments(size, found.spread), enough)
 
 
-def _experiments(size: float) -> tuple[float, float, float]:
+def _experiments(size: float, spread: int) -> tuple[float, float, float]:
     """Return the `experiments` of a certificate, given log10 of the share that is said.
+
+    More than the `spread` that were simulated are not claimed.
 
     The best of N random experiments is as good as the result if N find something noticeably better
     with probability 1/2: (1 - s)^N = 1/2, with s the share of all θ that are better.
     """
     logs = size + _STEP * (logit(_AT) - logit(_INTERVAL))
-    low, middle, high = np.clip(np.log(2) / -np.log1p(-np.minimum(10.0**logs, 0.5)), 1, MOST).tolist()
+    numbers = np.log(2) / -np.log1p(-np.minimum(10.0**logs, 0.5))
+    low, middle, high = np.clip(numbers, 1, min(MOST, spread)).tolist()
     return low, middle, high
 
 
@@ -196,6 +204,7 @@ def evidence(stage: Stage, best: int, history: History, *, explained: bool) -> E
         explained=explained,
         chance=float(chances[row]),
         promising=tuple(stage.bank.thetas[row].tolist()),
+        spread=len(stage.spread),
     )
 
 

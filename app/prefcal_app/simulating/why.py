@@ -332,7 +332,8 @@ def _as_good_as(said: Certificate) -> str:
         f"{float(f'{n:.2g}'):,.0f}" if n < MOST else f"more than {MOST:,}" for n in said.experiments
     )
     about = middle if middle.startswith("more") else f"about {middle}"
+    between = "" if low == high else f" (90 %: {low} to {high})"  # they are all that were simulated
     return (
         " That bound is for each kind of person; for people of all kinds together, the best so far is as "
-        f"good as the best of {about} random experiments (90 %: {low} to {high})."
+        f"good as the best of {about} random experiments{between}."
     )

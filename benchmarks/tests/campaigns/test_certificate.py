@@ -25,7 +25,7 @@ def script(monkeypatch):
 def row(script, true=0.0, better=False, family="trade", **changes):
     """A study of which a few percent are stated, and 50 % of the most promising θ."""
     found = {"answers": 10, "better": 0.01, "wide": 0.0, "held": 2.0, "predicted": -0.4, "chance": 0.5}
-    known = Evidence(**found | changes, explained=True, promising=(1.0,))
+    known = Evidence(**found | changes, explained=True, promising=(1.0,), spread=1000)
     return script.Row("lag", family, 0, 0, known, true, better)
 
 

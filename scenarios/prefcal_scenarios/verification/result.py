@@ -310,17 +310,34 @@ class Verification:
 
     @property
     def advice(self) -> tuple[str, ...]:
-        """Return what to do if some run fails: which limit, if relaxed, lets how many more runs hold."""
-        found, count = list[str](), len(self.runs)
-        for kpi in self.kpis:
-            only = [run.kpis[kpi.name] for run in self.failed if run.problems == (_miss_words(kpi),)]
-            only = [value for value in only if np.isfinite(value)]  # never is never enough
-            if only and kpi.goal != "target":
-                limit = kpi.read(min(only) if np.isfinite(kpi.at_least) else max(only))
-                sign, held = objective(kpi)[:1], count - len(self.failed) + len(only)
-                words = f"{sign} {quantity(limit, kpi.unit)} in place of {limits_text(kpi)}"
-                found.append(f"relax the limit of {kpi.title}: with {words}, {held} of {count} runs hold")
-        return tuple(found)
+        """Return what to do if some run fails: which limits, if relaxed, let how many more runs hold."""
+        missed = {problem for run in self.failed for problem in run.problems}
+        able = [kpi for kpi in self.kpis if kpi.goal != "target" and _miss_words(kpi) in missed]
+        alone = [self._relaxed([kpi]) for kpi in able]
+        together = self._relaxed(able)
+        more = len(able) > 1 and together[0] > max(held for held, _ in alone)
+        return tuple(words for _, words in [*alone, *([together] if more else [])] if words)
+
+    def _relaxed(self, kpis: Sequence[KPI]) -> tuple[int, str]:
+        """Return how many runs hold with limits of some KPIs that just let them, and that in words."""
+        misses = {_miss_words(kpi): kpi for kpi in kpis}
+        # A run that misses anything else, or by an infinite value, would still not hold.
+        freed = [
+            run
+            for run in self.failed
+            if all(p in misses and np.isfinite(run.kpis[misses[p].name]) for p in run.problems)
+        ]
+        changed = [kpi for words, kpi in misses.items() if any(words in run.problems for run in freed)]
+        held, count = len(self.runs) - len(self.failed) + len(freed), len(self.runs)
+        if len(changed) < len(kpis):
+            return held, ""
+        limits = [f"{_just(kpi, freed)} in place of {limits_text(kpi)}" for kpi in kpis]
+        if len(kpis) == 1:
+            what, new = f"limit of {kpis[0].title}", limits[0]
+        else:
+            what = "limits together"
+            new = ", ".join(f"{kpi.title} {words}" for kpi, words in zip(kpis, limits, strict=True))
+        return held, f"relax the {what}: with {new}, {held} of {count} runs hold"
 
     @property
     def never(self) -> tuple[str, ...]:
@@ -398,6 +415,13 @@ def problems_of(kpis: Sequence[KPI], result: HasKPIs, nominal: HasKPIs | None) -
         elif value is not None and reached and kpi.goal is not None and np.isinf(value):
             found.append(f"{kpi.title} is infinite")
     return tuple(found)
+
+
+def _just(kpi: KPI, runs: Sequence[VerifiedRun]) -> str:
+    """Return the tightest limit of a KPI that lets some runs hold, in words."""
+    values = [run.kpis[kpi.name] for run in runs if kpi.name in run.kpis]
+    limit = kpi.read(min(values) if np.isfinite(kpi.at_least) else max(values))
+    return f"{objective(kpi)[:1]} {quantity(limit, kpi.unit)}"
 
 
 def _miss_words(kpi: KPI) -> str:

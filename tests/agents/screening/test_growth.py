@@ -272,7 +272,7 @@ def test_the_same_seed_gives_the_same_points():
     assert not np.array_equal(one, other)
 
 
-KNOWN = Evidence(10, 0.01, 0.002, 2.0, -0.4, True, 0.3, (0.5, 0.5))
+KNOWN = Evidence(10, 0.01, 0.002, 2.0, -0.4, True, 0.3, (0.5, 0.5), 1000)
 WON, SAME, LOST = -1, 0, 1
 """What the challenger did."""
 
@@ -388,8 +388,19 @@ def test_the_share_is_a_whole_percentage_between_the_least_and_all():
     assert Certificate.of(KNOWN).share * 100 == pytest.approx(round(Certificate.of(KNOWN).share * 100))
 
 
+@pytest.mark.parametrize(("spread", "least"), [(1000, 0.01), (300, 0.01), (99, 0.03), (28, 0.11), (1, 0.95)])
+def test_few_simulated_experiments_cannot_show_that_few_are_better(spread, least):
+    """By the rule of three: with s = 3 / N, none of N is better by chance in 5 % of all cases."""
+    said = Certificate.of(replace(KNOWN, held=50.0, spread=spread))
+    assert said.share == pytest.approx(least)
+    low, middle, _ = said.experiments
+    assert low <= middle
+    if spread < 300:
+        assert low <= spread, "as good as the best of more experiments than there were"
+
+
 def test_the_share_by_hand():
-    said = Certificate.of(Evidence(10, 0.099, 0.009, 2.0, -0.5, True, 0.5, ()))
+    said = Certificate.of(Evidence(10, 0.099, 0.009, 2.0, -0.5, True, 0.5, (), 1000))
     size = 10 ** (1.583 + 0.382 * -1 - 0.177 * np.log(10) - 0.169 * 2 + 0.615 * -2 - 0.364 * -0.5)
     assert said.share == pytest.approx(np.ceil(100 * size) / 100)
     assert said.chance == pytest.approx(1 / (1 + np.exp(-0.2))), "half of the draws, which are a little low"
@@ -420,7 +431,7 @@ def test_an_agent_has_enough_only_while_its_best_misses_no_objective(monkeypatch
 
 
 def test_the_number_of_random_experiments_by_hand():
-    said = Certificate.of(Evidence(10, 0.099, 0.009, 2.0, -0.5, True, 0.5, ()))
+    said = Certificate.of(Evidence(10, 0.099, 0.009, 2.0, -0.5, True, 0.5, (), 1000))
     size = 1.583 + 0.382 * -1 - 0.177 * np.log(10) - 0.169 * 2 + 0.615 * -2 - 0.364 * -0.5
     for number, chance in zip(said.experiments[:2], (0.05, 0.5), strict=True):
         share = 10 ** (size - 0.544 * (np.log(chance / (1 - chance)) - np.log(0.01 / 0.99)))
