@@ -154,7 +154,9 @@ class Certificate:
         size = constant + float(np.dot(slopes, found.terms))
         # If s of all θ are better, no θ of N is with probability (1 - s)^N: a few cannot show a small share.
         unseen = 1 - (1 - PROBABILITY) ** (1 / found.spread)
-        size = max(size, np.log10(unseen)) if unseen > LEAST else size
+        most = MOST
+        if unseen > LEAST:
+            size, most = max(size, np.log10(unseen)), found.spread
         # Rounded up: fewer θ are better than is said, never more.
         share = ceil(100 * np.clip(10.0 ** min(size, 0.0), LEAST, 1.0)) / 100
         constant, slope = _CHANCE
@@ -162,20 +164,18 @@ class Certificate:
         believed = np.clip(found.chance, 1.0 - _SURE, _SURE)
         chance = float(expit(constant + slope * logit(believed)))
         enough = found.answers in ENOUGH_AFTER and share <= ENOUGH_SHARE and chance <= ENOUGH_CHANCE
-        return cls(share, PROBABILITY, chance, found.promising, _experiments(size, found.spread), enough)
+        return cls(share, PROBABILITY, chance, found.promising, _experiments(size, most), enough)
 
 
-def _experiments(size: float, spread: int) -> tuple[float, float, float]:
-    """Return the `experiments` of a certificate, given log10 of the share that is said.
-
-    More than the `spread` that were simulated are not claimed.
+def _experiments(size: float, most: int) -> tuple[float, float, float]:
+    """Return the `experiments` of a certificate, `most` at most, given log10 of the share that is said.
 
     The best of N random experiments is as good as the result if N find something noticeably better
     with probability 1/2: (1 - s)^N = 1/2, with s the share of all θ that are better.
     """
     logs = size + _STEP * (logit(_AT) - logit(_INTERVAL))
     numbers = np.log(2) / -np.log1p(-np.minimum(10.0**logs, 0.5))
-    low, middle, high = np.clip(numbers, 1, min(MOST, spread)).tolist()
+    low, middle, high = np.clip(numbers, 1, most).tolist()
     return low, middle, high
 
 
