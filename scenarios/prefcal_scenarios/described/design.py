@@ -1,6 +1,6 @@
 """Choose operating point, steps, sampling time and duration for a plant to control."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import permutations, product
 from math import floor, log10
@@ -13,6 +13,7 @@ from scipy.optimize import least_squares, root
 from prefcal_env.controllers.margins import minimal
 from prefcal_env.controllers.pid import ProcessModel, Tuning
 from prefcal_env.envs.plant_env import dead_times
+from prefcal_env.envs.varied_plant import rest
 from prefcal_env.errors import PlantError, ScenarioError
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.plants.jacobians import D, U, X
@@ -412,7 +413,7 @@ def design(
 
     Raises:
         ScenarioError: If there is no steady state, an output does not exist, a reference equals the
-            start, or `tuned` finds no controller.
+            start or is out of reach of the inputs, or `tuned` finds no controller.
     """
     point = operating_point(plant)
     try:
@@ -430,6 +431,7 @@ def design(
             _single(plant, point, T_s, i, j, process, reference or {})
             for (i, j), process in zip(pairs, processes, strict=True)
         )
+        _check_reached(plant, point, loops)
         found = tuned(plant, Design(point, J, delay, T_s, loops))
         if horizon is not None:
             share = horizon / (len(loops) + 1)
@@ -594,6 +596,21 @@ def _single(
     high = u.high if np.isfinite(u.high) else max(rest, u.low) + reach
     channel = replace(u, low=float(low), high=float(high))
     return Single(i, j, channel, rest, start, float(target), process)
+
+
+def _check_reached(plant: Plant, point: OperatingPoint, loops: Sequence[Single]) -> None:
+    """Refuse references at which an input would have to rest outside its limits: no tuning keeps them."""
+    found = rest(plant, point.x, point.u, point.d, [k.output for k in loops], [k.target for k in loops])
+    for u, value in zip(plant.inputs, () if found is None else found[1], strict=False):
+        room = 1e-6 * max(abs(u.low), abs(u.high)) if np.isfinite([u.low, u.high]).all() else 0.0
+        if not u.low - room <= value <= u.high + room:
+            outputs = ((plant.outputs[k.output], k.target) for k in loops)
+            aims = ", ".join(f"{y.name} = {target:g} {y.unit}".rstrip() for y, target in outputs)
+            needed = f"{u.name} = {value:.4g} {u.unit}".rstrip()
+            raise ScenarioError(
+                f"{aims} is out of reach: plant {plant.name!r} rests there with {needed}, outside its limits "
+                f"{u.low:g} to {u.high:g}: choose another reference, or widen the limits"
+            )
 
 
 def way_of(rest: float, u: Channel) -> int:

@@ -322,6 +322,23 @@ def test_what_does_not_fit_is_refused(wrong, said):
         pid_scenario(PLANTS["double lag"], **wrong)
 
 
+@pytest.mark.parametrize("make", [pid_scenario, lqr_scenario])
+def test_a_reference_that_the_input_cannot_hold_is_refused(make):
+    """A gain of 0.8 reaches 0.8 of the room of the valve at most; an integrator holds any level."""
+    plant = PLANTS["lag with dead time"]
+    rest = plant.inputs[0]
+    assert (rest.low, rest.high) == (0, 100)
+    start = make(plant).run.kpis.design.loops[0]
+    reach = start.start + 0.8 * (100 - start.rest)
+    assert make(plant, reference={"T": reach}).run.kpis.design.loops[0].target == pytest.approx(reach)
+    with pytest.raises(
+        ScenarioError, match=r"T = .* out of reach: .* valve = .* %, outside its limits 0 to 100"
+    ):
+        make(plant, reference={"T": reach + 0.1})
+    integrator = Plant.of(([0.05], [1, 0]), inputs=[Channel("valve", "%", -10, 10)], outputs=["T"])
+    assert make(integrator, reference={"T": 1e3}).run.kpis.design.loops[0].target == 1e3
+
+
 def test_a_run_that_had_not_arrived_when_the_load_came_never_recovers():
     # The load pushes the output up: without this, the slower the loop, the sooner it "recovered".
     scenario = pid_scenario(PLANTS["lag with dead time"])
