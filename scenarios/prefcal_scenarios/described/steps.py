@@ -149,7 +149,8 @@ _ROWS = (
 def kpis_of(measure: Measure, outputs: tuple[Channel, ...], time: str, robust: float) -> tuple[KPI, ...]:
     """Return the KPIs, in order of importance; all are better if lower.
 
-    The maximum sensitivity has an objective if `robust`, that in the middle of the ranges, meets it.
+    The maximum sensitivity has an objective if `robust`, that of the start in the middle of the ranges,
+    meets it: what the target asks for in addition, a lower gain can give.
     """
     found, design = list[KPI](), measure.design
     for k, loop in enumerate(design.loops):
@@ -265,7 +266,7 @@ def scenario_of_steps(plant: Plant, found: Design, laws: Laws, space: KnobSpace,
     return Scenario(
         space=space,
         run=ClosedLoop(env, laws.make, measure),
-        kpis=kpis_of(measure, plant.outputs, plant.time_unit, measure.sensitivity(middle)),
+        kpis=kpis_of(measure, plant.outputs, plant.time_unit, laws.sensitivity(middle)),
         panels=_panels(plant, found),
         controller=laws.make,
         settings=partial(_data, laws),
