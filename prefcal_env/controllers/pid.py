@@ -109,7 +109,11 @@ class LinearPIDs:
         return np.asarray(np.abs(np.linalg.eigvals(self.loops(plant))).max(axis=1) < 1 - 1e-9)
 
     def sensitivity(self, plant: LinearSystem, omega: Float[np.ndarray, " k"]) -> np.ndarray:
-        """Return max σ((1 + C G)^-1) over `omega`, infinite for unstable loops, shape (m,).
+        """Return the largest one of `sensitivities`, infinite for unstable loops, shape (m,)."""
+        return np.where(self.stable(plant), self.sensitivities(plant, omega).max(axis=1), np.inf)
+
+    def sensitivities(self, plant: LinearSystem, omega: Float[np.ndarray, " k"]) -> np.ndarray:
+        """Return σ((1 + C G)^-1), the largest one at each of `omega`, shape (m, k).
 
         It is that at the inputs, as of `margins`; with one PID there is no other.
 
@@ -119,11 +123,11 @@ class LinearPIDs:
         C = self._law(plant.dt, each=True).at(z)  # (m, k, p)
         difference = np.eye(self.K_p.shape[1]) + plant.at(1j * omega) * C[..., None]
         if difference.shape[-1] == 1:
-            least = np.abs(difference[..., 0, 0]).min(axis=1)
+            least = np.abs(difference[..., 0, 0])
         else:
-            least = np.linalg.svd(difference, compute_uv=False)[..., -1].min(axis=1)
+            least = np.linalg.svd(difference, compute_uv=False)[..., -1]
         with np.errstate(divide="ignore"):
-            return np.where(self.stable(plant), 1 / least, np.inf)
+            return np.asarray(1 / least)
 
     def _law(self, T_s: float, *, each: bool = False) -> PIDLaw:
         """Return the law of each PID, shape (m, p); with `each` for every frequency, (m, 1, p)."""

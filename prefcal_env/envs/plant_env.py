@@ -479,7 +479,9 @@ class PlantEnv(gym.Env[Array, Array]):
             d = np.array([self.task.disturbance(t) for t in ahead[:-1]])
         else:
             y_ref, d = self.task.reference(self._t), self.task.disturbance(self._t)
-        return Measurement(self._t, self._x, self._u, d, y_ref, self._measured(d) + self._noise)
+        x = self._x.view()  # of the plant itself: a controller that changes it in place would move the plant
+        x.flags.writeable = False
+        return Measurement(self._t, x, self._u, d, y_ref, self._measured(d) + self._noise)
 
     def record(self) -> Record:
         """Return the current or last episode. Raises ProtocolError if there is none.

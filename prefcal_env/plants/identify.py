@@ -3,7 +3,7 @@
 What the record leaves open is what a tuning must bear: `prefcal verify` varies the plant over the sample.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +21,9 @@ _MOST = 1500  # rows that are used: of longer records, means over equal times
 _LARGEST = 1e100  # size of numbers above which their products may overflow
 _AFTER = 10  # fewest rows after the first change of the input
 _FLAT = 0.05  # share of the record for which an output may rest at its very highest or lowest value
+_AT_REST, _UNEXPLAINED, _VISIBLE = 10, 3.0, 0.02
+"""Fewest rows before the first change that show the noise; how far what is left may exceed that noise, and
+the share of the response that it is at least, where a model explains the record."""
 _UNCLEAR = 1.0  # largest width of the 90 % interval of the response, relative to the response
 _LOAD, _SURE = 0.1, 12.0
 """Size of an unexplained step, as a share of the output's range, and by how much the logarithm of the density
@@ -198,7 +201,7 @@ def identify(
         fit=fit,
         drift=drift * units[2],
         noise=float(np.std(y - fit)),
-        notes=tuple(_notes(u)),
+        notes=tuple(_notes(u, y, fit)),
     )
 
 
@@ -309,11 +312,23 @@ def _left(record: Scaled, rows: Float[np.ndarray, "k K"]) -> tuple[float, float]
     return float(left @ left) + len(y) * FLOOR**2 * (1 - record.lasting) ** 2, float(own[-1])
 
 
-def _notes(u: Float[np.ndarray, " K"]) -> Sequence[str]:
-    """Return what to know of a record in whose input a controller seems to act."""
-    if np.count_nonzero(np.diff(u)) < 0.3 * len(u):
-        return []
-    return [
-        "The input moves all the time, as in closed loop. That is ambiguous where the controller only "
-        "answered noise and loads: trust the model only if the set point stepped, and by more than the noise."
-    ]
+def _notes(
+    u: Float[np.ndarray, " K"], y: Float[np.ndarray, " K"], fit: Float[np.ndarray, " K"]
+) -> Iterator[str]:
+    """Yield what to know of a record: a controller seems to act in it, or no model explains the response."""
+    if np.count_nonzero(np.diff(u)) >= 0.3 * len(u):
+        yield (
+            "The input moves all the time, as in closed loop. That is ambiguous where the controller only "
+            "answered noise and loads: trust the model only if the set point stepped, and by more than the "
+            "noise."
+        )
+    at_rest = y[: int(np.argmax(u != u[0]))]
+    if len(at_rest) < _AT_REST:
+        return
+    quiet, left = float(np.std(np.diff(at_rest)) / 2**0.5), float(np.std(y - fit))
+    if left > max(_UNEXPLAINED * quiet, _VISIBLE * np.ptp(fit)):
+        yield (
+            f"No model explains the response: what is left has a standard deviation of {left:.3g}, the noise "
+            f"before the first step one of {quiet:.2g}. The actuator may stick, a load may have acted, or the "
+            "plant is not linear: find out before you tune on it."
+        )

@@ -186,6 +186,7 @@ def system_of(system: Any) -> LinearSystem:
         return system_of(system.to_tf() if shared else system.to_ss())
     if isinstance(system, Sequence) and not isinstance(system, str):
         if _grid(system):
+            _check_rows(system)
             return _of_grid(system)
         if len(system) == 2:
             return of_fractions([[system[0]]], [[system[1]]])
@@ -240,6 +241,16 @@ def _grid(system: Sequence[Any]) -> bool:
 
     rows = [row for row in system if isinstance(row, list | tuple) and len(row)]
     return len(rows) == len(system) > 0 and any(is_entry(e) for row in rows for e in row)
+
+
+def _check_rows(system: Sequence[Any]) -> None:
+    """Refuse what is a list of rows here, but the numerators and denominators of a matrix elsewhere."""
+    plain = (isinstance(entry, list) and len(entry) == 2 for row in system for entry in row)
+    if isinstance(system, tuple) and len(system) == 2 and all(plain):
+        raise PlantError(
+            "a tuple of two lists of rows can be read in two ways: give rows of transfer functions as "
+            "[[(num, den), (num, den)], [(num, den), (num, den)]]"
+        )
 
 
 def _of_grid(rows: Sequence[Sequence[Any]]) -> LinearSystem:

@@ -32,21 +32,24 @@ from .studies.files import as_text
 
 def record_of(interview: Interview, options: Options, references: Mapping[str, Experiment]) -> StudyRecord:
     """Return the record of the study as it stands, for reports."""
-    now = interview.now()
-    state = now.state
+    with interview.past.still():
+        now, events = interview.now(), interview.file.events()
+        state = now.state
+        comparisons, answered = interview.past.comparisons(), interview.past.answered()
+        waiting = [index for index in list_shown(state) if index >= state.history.answered]
+        shown = {index: interview.past.experiment(index) for index in waiting}
     then, today = _fingerprints(options, state)
     agent = state.configuration["agent"]
     winners = state.history.incumbents()  # after each closed query; the last is the best now
-    waiting = [index for index in list_shown(state) if index >= state.history.answered]
     # What prefcal says of the result comes when it is ready, which is nothing that anybody did.
-    times = [each.at for each in interview.file.events() if not isinstance(each.event, Concluded)]
+    times = [each.at for each in events if not isinstance(each.event, Concluded)]
     return StudyRecord(
         scenario=interview.scenario,
         source=options.scenario,
-        comparisons=interview.past.comparisons(),
-        answered=interview.past.answered(),
+        comparisons=comparisons,
+        answered=answered,
         held=winners if now.incumbent is None else (*winners[:-1], now.incumbent),
-        waiting={index: interview.past.experiment(index) for index in waiting},
+        waiting=shown,
         references=references,
         settings=options.settings(),
         # The options name the study of the taste; its answers are in the file, not for people to read.

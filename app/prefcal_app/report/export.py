@@ -32,7 +32,7 @@ from prefcal_env.units import named, same
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.described.making import controller_of
 from prefcal_scenarios.names import CASES, is_built_in, is_own
-from prefcal_scenarios.own import file_in, files_of, joined_source, split_source
+from prefcal_scenarios.own import file_in, files_of, fingerprint, joined_source, split_source
 from prefcal_scenarios.scenario import Scenario, with_ranges
 from prefcal_scenarios.wording import MISSING, number, with_unit
 
@@ -58,6 +58,7 @@ class BestTuning:
     digest: str  # SHA-256 of the file that it was read from, in hexadecimal digits
     robust: bool  # whether the study looked for a result that holds on other plants
     source: str  # name that loads the scenario again
+    changed: bool  # whether the files of the scenario are others than in the study
 
 
 REBUILD = """\
@@ -313,7 +314,14 @@ def tuning_of(path: str | Path) -> BestTuning:
         digest,
         robust,
         content["scenario"],
+        _is_changed(content),
     )
+
+
+def _is_changed(content: Mapping[str, Any]) -> bool:
+    """Return whether the files of a scenario are others than in the study of a best.json."""
+    known = (content.get("origin") or {}).get("fingerprint of the scenario", "")
+    return bool(known) and known.split(";")[0] != fingerprint(content["scenario"])
 
 
 def _read_seed(content: Mapping[str, Any]) -> int:

@@ -390,6 +390,10 @@ def _keep(found: Verification, tuning: BestTuning, best: Path, timeout: float | 
     said = Verified.of(found, tuning.scenario, tuning.baseline, version, tuning.digest, robust=robust)
     limits = {kpi.name: float(f"{limit:.4g}") for kpi, limit, _ in found.usual}
     how = limits_in(tuning.source, found.kpis, limits) if limits else ""
+    if tuning.changed:
+        said = replace(
+            said, headline=f"Of the plant as its files are now, not as in the study. {said.headline}"
+        )
     judged, stated = _judged(said.worst, best.parent), f"{said.limits_kept} {how}".strip()
     said = replace(said, worst=judged, limits_kept=stated, at=at)
     said.write(best.parent)

@@ -1,7 +1,7 @@
 """An agent's questions and a person's answers: what is known, what can be done, and who does it."""
 
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from dataclasses import replace
 from typing import cast
 
@@ -262,6 +262,10 @@ class Past:
 
     def __init__(self, driver: Driver) -> None:
         self._driver = driver
+
+    def still(self) -> AbstractContextManager[object]:
+        """Return a context in which nobody takes a step, so that what is read in it belongs together."""
+        return self._driver.changed
 
     def experiment(self, index: int) -> Experiment:
         """Return experiment `index`, from 0. Raises StudyError if there is none."""

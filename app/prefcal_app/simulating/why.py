@@ -179,7 +179,7 @@ def _held(kept: int, which: str, scenario: Scenario) -> str:
     """
     limited = breakable(scenario.kpis)
     if kept >= ENOUGH and limited:
-        return f"{which} keeps the limits that it meets nominally in all {ENOUGH} perturbed runs."
+        return f"{which} keeps the limits that it meets nominally, if any, in all {ENOUGH} perturbed runs."
     if kept >= ENOUGH:
         reach = "end safely and reach what the nominal run reaches (no limit is stated)"
         return f"{which} holds: all {ENOUGH} perturbed runs {reach}."

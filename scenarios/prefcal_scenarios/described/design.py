@@ -332,6 +332,7 @@ SAMPLES = 5
 _SHARE = 0.2  # share of the input's range that a default step needs at rest
 _PATIENCE = 2.2  # duration of a phase, in the time that the tuning in the middle takes to settle
 _MOST = 1200  # largest number of samples in an experiment
+_LEGS = 10  # steady states on the way from the start to the references
 _SETTLED = 0.02  # band of a step of 1 in which the tuning in the middle counts as settled
 
 
@@ -431,8 +432,8 @@ def design(
             _single(plant, point, T_s, i, j, process, reference or {})
             for (i, j), process in zip(pairs, processes, strict=True)
         )
-        _check_reached(plant, point, loops)
         found = tuned(plant, Design(point, J, delay, T_s, loops))
+        _check_reached(plant, J, point, loops)  # last: what no controller controls is said better by `tuned`
         if horizon is not None:
             share = horizon / (len(loops) + 1)
             return replace(found, loops=tuple(replace(loop, phase=share) for loop in found.loops))
@@ -598,14 +599,39 @@ def _single(
     return Single(i, j, channel, rest, start, float(target), process)
 
 
-def _check_reached(plant: Plant, point: OperatingPoint, loops: Sequence[Single]) -> None:
-    """Refuse references at which an input would have to rest outside its limits: no tuning keeps them."""
-    found = rest(plant, point.x, point.u, point.d, [k.output for k in loops], [k.target for k in loops])
-    for u, value in zip(plant.inputs, () if found is None else found[1], strict=False):
+def _held_at(plant: Plant, J: LinearSystem, point: OperatingPoint, loops: Sequence[Single]) -> U | None:
+    """Return inputs that hold the outputs of loops at their targets; None if none do."""
+    chosen, steps = [k.output for k in loops], np.array([k.target - k.start for k in loops])
+    if isinstance(plant, LinearPlant):
+        rows = np.block([[J.A - (np.eye(len(J.A)) if J.dt else 0.0), J.B], [J.C[chosen], J.D[chosen]]])
+        wanted = np.concatenate([np.zeros(len(J.A)), steps])
+        moved = np.linalg.lstsq(rows, wanted, rcond=1e-12)[0]
+        holds = np.abs(rows @ moved - wanted).max() <= 1e-6 * np.abs(steps).max()
+        return point.u + moved[len(J.A) :] if holds else None
+    found: tuple[X, U] | None = (point.x, point.u)
+    for share in np.linspace(0, 1, _LEGS + 1)[1:]:  # from afar, Newton's method may miss a steady state
+        aims = [k.start + share * (k.target - k.start) for k in loops]
+        found = found and rest(plant, *found, point.d, chosen, aims)
+    return None if found is None else found[1]
+
+
+def _check_reached(plant: Plant, J: LinearSystem, point: OperatingPoint, loops: Sequence[Single]) -> None:
+    """Refuse references beyond limits of outputs, or at which no input within its limits holds the plant."""
+    outputs = [(plant.outputs[k.output], k.target) for k in loops]
+    aims = ", ".join(f"{y.name} = {target:g} {y.unit}".rstrip() for y, target in outputs)
+    for y, target in outputs:
+        if not y.low < target < y.high:
+            limits = f"{y.low:g} to {y.high:g} {y.unit}".rstrip()
+            raise ScenarioError(f"the reference {aims} must be inside the limits of {y.name!r}, {limits}")
+    found = _held_at(plant, J, point, loops)
+    if found is None:
+        raise ScenarioError(
+            f"{aims} is out of reach: plant {plant.name!r} has no steady state there, from which inputs "
+            "hold it: choose another reference"
+        )
+    for u, value in zip(plant.inputs, found, strict=True):
         room = 1e-6 * max(abs(u.low), abs(u.high)) if np.isfinite([u.low, u.high]).all() else 0.0
         if not u.low - room <= value <= u.high + room:
-            outputs = ((plant.outputs[k.output], k.target) for k in loops)
-            aims = ", ".join(f"{y.name} = {target:g} {y.unit}".rstrip() for y, target in outputs)
             needed = f"{u.name} = {value:.4g} {u.unit}".rstrip()
             raise ScenarioError(
                 f"{aims} is out of reach: plant {plant.name!r} rests there with {needed}, outside its limits "

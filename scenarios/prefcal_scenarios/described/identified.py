@@ -119,6 +119,7 @@ class Found:
     best: int  # number of the most probable model
     models: tuple[Model, ...]  # those that are easiest to control first
     noise: float = 0.0  # standard deviation of what the best model leaves of the output
+    notes: tuple[str, ...] = ()  # what to know of the record, in sentences
 
     @classmethod
     def of(cls, path: Path, test: StepTest, found: Identified, limits: tuple[float, float] | None) -> "Found":
@@ -140,6 +141,7 @@ class Found:
             best=found.best,
             models=found.models,
             noise=found.noise,
+            notes=found.notes,
         )
 
     @classmethod
@@ -175,7 +177,7 @@ class Found:
         share = float(np.mean([model.integrates for model in self.models]))
         if 0 < share < 1:
             said.append(f"{100 * share:.2g} % of the models integrate")
-        return ", ".join(said)
+        return ". ".join([", ".join(said), *(note.rstrip(".") for note in self.notes)])
 
     def plant(self) -> LinearPlant:
         """Return the plant: the most probable model around the start, and what else it may be."""

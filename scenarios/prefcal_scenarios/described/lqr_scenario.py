@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.controllers.lqr import LQR, Linearized, linearized
-from prefcal_env.controllers.margins import sampled
+from prefcal_env.controllers.margins import peak_of_sampled, sampled
 from prefcal_env.controllers.pid import ROBUST
 from prefcal_env.envs.plant_env import delays_of
 from prefcal_env.errors import PlantError, ScenarioError, SettingsError
@@ -119,12 +119,15 @@ class LQRs:
         if not self.radius(theta) < 1 - 1e-9:
             return np.inf
         lqr, p = self.make(theta), self.plant
-        omega = np.geomspace(1e-4, 0.999, 300) * np.pi / p.dt
-        G, z = p.at(1j * omega), np.exp(1j * omega * p.dt)[:, None, None]
-        n = lqr.K.shape[1]
-        L = lqr.K @ G[:, :n] + p.dt / (z - 1) * (lqr.K_i @ G[:, n:])
-        least = np.linalg.svd(np.eye(len(lqr.K)) + L, compute_uv=False)[:, -1].min()
-        return float(1 / max(least, 1e-300))
+        n, one = lqr.K.shape[1], np.eye(len(lqr.K))
+
+        def sensitivities(omega: np.ndarray) -> np.ndarray:
+            G, z = p.at(1j * omega), np.exp(1j * omega * p.dt)[:, None, None]
+            L = lqr.K @ G[:, :n] + p.dt / (z - 1) * (lqr.K_i @ G[:, n:])
+            least = np.linalg.svd(one + L, compute_uv=False)[:, -1]
+            return np.asarray(1 / np.maximum(least, 1e-300))
+
+        return peak_of_sampled(sensitivities, p.dt)
 
     def radius(self, theta: Float[np.ndarray, " n"]) -> float:
         """Return the spectral radius of the loop: below 1 it is stable, and a small one is fast."""

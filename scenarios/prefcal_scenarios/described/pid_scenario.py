@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.controllers.margins import minimal, sampled
+from prefcal_env.controllers.margins import minimal, peak_of_sampled, sampled
 from prefcal_env.controllers.pid import PID, Decentralized, LinearPIDs, Tuning, robust, simc, ziegler_nichols
 from prefcal_env.errors import ScenarioError
 from prefcal_env.knobs import Knob
@@ -132,9 +132,10 @@ class PIDs:
 
     def sensitivity(self, theta: Float[np.ndarray, " n"]) -> float:
         """Return the largest σ((1 + C G)^-1) at the inputs, infinite if the loop is unstable."""
-        omega = np.geomspace(1e-4, 0.999, 300) * np.pi / self.plant.dt
         pids = LinearPIDs.of([tuning for _, tuning, _ in self._tunings(theta)], N)
-        return float(pids.sensitivity(self.plant, omega)[0])
+        if not pids.stable(self.plant)[0]:
+            return np.inf
+        return peak_of_sampled(lambda omega: pids.sensitivities(self.plant, omega)[0], self.plant.dt)
 
     def _tunings(self, theta: Float[np.ndarray, " n"]) -> list[tuple[Single, Tuning, float]]:
         """Return each loop with its tuning and with b; of K_p only the size counts, see `_sign`."""

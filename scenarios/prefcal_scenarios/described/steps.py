@@ -28,6 +28,7 @@ from .design import Design, Single
 
 # --- KPIs of loops: steps of the references, then loads on the inputs.
 
+_DWELL = 3  # least number of samples in the band at the end
 _BAND = 0.05  # band of settling and recovery, as a share of the step
 _ROBUST = 2.0  # maximum sensitivity that is usual: a gain margin of 2 and a phase margin of 29 degrees
 
@@ -114,10 +115,15 @@ class Measure:
 def _until(
     t: Float[np.ndarray, " K"], error: Float[np.ndarray, " K"], part: np.ndarray, start: float, end: float
 ) -> float:
-    """Return the time from `start` on until the error stays in the band; infinite for never."""
+    """Return the time from `start` on until the error stays in the band; infinite for never.
+
+    It must stay there for some samples: the last one of an oscillation is in the band by chance.
+    """
     if not part.any() or t[-1] < end * (1 - 1e-6) - 1e-9:
         return np.inf
-    return entry_time(t[part], error[part], _BAND) - start
+    t = t[part]
+    found = entry_time(t, error[part], _BAND)
+    return found - start if len(t) >= _DWELL and found <= t[-_DWELL] else np.inf
 
 
 _ROWS = (

@@ -137,6 +137,7 @@ class Others:
     nominal: int  # number of those that do nominally what is asked
     # number of those that still do with the factor that alone makes the tuning fail, by its name
     alone: Mapping[str, int]
+    known: tuple[str, ...] = ()  # names of the scenario's references that do nominally what is asked
 
 
 @dataclass(frozen=True)
@@ -321,11 +322,11 @@ class Verification:
     def _relaxed(self, kpis: Sequence[KPI]) -> tuple[int, str]:
         """Return how many runs hold with limits of some KPIs that just let them, and that in words."""
         misses = {_miss_words(kpi): kpi for kpi in kpis}
-        # A run that misses anything else, or by an infinite value, would still not hold.
+        # Who misses anything else would still not hold, and nobody relaxes a limit as far as an outlier asks.
         freed = [
             run
             for run in self.failed
-            if all(p in misses and np.isfinite(run.kpis[misses[p].name]) for p in run.problems)
+            if all(p in misses and self._near(misses[p], run.kpis[misses[p].name]) for p in run.problems)
         ]
         changed = [kpi for words, kpi in misses.items() if any(words in run.problems for run in freed)]
         held, count = len(self.runs) - len(self.failed) + len(freed), len(self.runs)
@@ -338,6 +339,13 @@ class Verification:
             what = "limits together"
             new = ", ".join(f"{kpi.title} {words}" for kpi, words in zip(kpis, limits, strict=True))
         return held, f"relax the {what}: with {new}, {held} of {count} runs hold"
+
+    def _near(self, kpi: KPI, value: float) -> bool:
+        """Return whether a value that misses a limit is finite and no outlier, three times as far off."""
+        limit = kpi.at_least if np.isfinite(kpi.at_least) else kpi.at_most
+        missed = [r.kpis[kpi.name] for r in self.failed if _miss_words(kpi) in r.problems]
+        usual = float(np.median(np.abs(np.array(missed) - limit)))
+        return bool(np.isfinite(value) and abs(value - limit) <= 3 * usual)
 
     @property
     def never(self) -> tuple[str, ...]:
@@ -357,8 +365,11 @@ class Verification:
         """Return what each factor does alone, the one that hurts most first."""
         pairs = zip(self.factors, self.alone[::2], self.alone[1::2], strict=False)
         both = [[self._effect(factor, run) for run in runs] for factor, *runs in pairs]
-        worse = [max(pair, key=lambda effect: effect.worsening) for pair in both]
-        return tuple(sorted(worse, key=lambda effect: -effect.worsening))
+
+        def badness(effect: Effect) -> tuple[float, int]:
+            return effect.worsening, len(effect.run.problems)
+
+        return tuple(sorted((max(pair, key=badness) for pair in both), key=badness, reverse=True))
 
     @property
     def breaking(self) -> tuple[Effect, ...]:
@@ -505,9 +516,9 @@ class WorstRun:
 
     @property
     def text(self) -> str:
-        """Return the values that moved most, with three significant digits and units."""
+        """Return the values that moved most, with four significant digits and units."""
         shown = list(self.values.items())[:_NAMED]
-        words = [f"{n} {quantity(float(f'{v:.3g}'), self.units.get(n, ''))}" for n, v in shown]
+        words = [f"{n} {quantity(float(f'{v:.4g}'), self.units.get(n, ''))}" for n, v in shown]
         others = len(self.values) - len(shown)
         return ", ".join(words) + (f" and {others} other{'s' if others > 1 else ''}" if others else "")
 
@@ -653,8 +664,18 @@ def _next(found: Verification, scenario: Scenario, robust: bool) -> tuple[str, .
     drawn = "" if tried is None else f"{tried.nominal or 'none'} of {tried.count} tunings drawn at random"
     known = tried is not None and tried.nominal >= _ENOUGH  # of fewer, chance would say it
     stuck = [e for e in found.breaking if known and tried and not tried.alone.get(e.factor.name)]
-    if tried and not tried.nominal and found.tuning.nominal.problems:
-        first = f"{change}: this tuning does not hold even nominally, and {drawn} does"
+    if tried and tried.known and found.tuning.nominal.problems:
+        start = typed_theta(scenario.space, scenario.references[tried.known[0]].tolist())
+        first = (
+            f"begin with {tried.known[0]}, which holds nominally, as this tuning does not: repeat the "
+            f"command of the study with {shlex.join(['--start', start])}"
+        )
+    elif tried and not tried.nominal and found.tuning.nominal.problems:
+        few = np.ceil(100 * most_probable(0, tried.count))
+        first = (
+            f"{change}: this tuning does not hold even nominally, and {drawn} does (fewer than {few:.0f} % "
+            f"of the ranges do, with {100 * CONFIDENCE:g} % confidence)"
+        )
     elif stuck:
         names = " and ".join(f"{e.factor.name} ({_range(e.factor)})" for e in stuck)
         alone = "each alone make" if len(stuck) > 1 else "alone makes"

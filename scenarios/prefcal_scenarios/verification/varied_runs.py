@@ -186,7 +186,7 @@ def verify(
     verified = Verification(found.name, found.kpis, factors, left_out, runs, tuning, kept, alone)
     if not (verified.failed and found.simulated and len(made) == len(cases)):
         return verified
-    thetas, rivals = _rivals(verified, found.space, noise)
+    thetas, rivals = _rivals(verified, found, noise)
     done = _done(Variations(known.at, thetas, rivals), jobs, limit, progress, clock)
     return replace(verified, others=_count_rivals(found, verified, rivals, done))
 
@@ -394,12 +394,17 @@ def _run(scenario: Scenario, nominal: VerifiedRun, case: _Case, result: HasKPIs)
     return VerifiedRun(case.values, case.seed, result.end, result.kpis, problems)
 
 
-def _rivals(verified: Verification, space: KnobSpace, seed: int) -> tuple[list[Theta], tuple[_Case, ...]]:
-    """Return other tunings, and runs of each: nominally, and with what alone makes the tuning fail."""
-    z = np.random.default_rng([seed, _APART]).random((RIVALS, len(space)))
-    thetas = list(space.decode_all(z)[space.allows(space.decode_all(z))])
+def _rivals(verified: Verification, found: Scenario, seed: int) -> tuple[list[Theta], tuple[_Case, ...]]:
+    """Return other tunings, and runs of each: nominally, and with what alone makes the tuning fail.
+
+    They are random ones, then the references of the scenario, which run nominally only.
+    """
+    z = np.random.default_rng([seed, _APART]).random((RIVALS, len(found.space)))
+    thetas = list(found.space.decode_all(z)[found.space.allows(found.space.decode_all(z))])
     changes = [{}, *(each.run.values for each in verified.breaking)]
-    return thetas, tuple(_Case(k, dict(values), seed) for k in range(len(thetas)) for values in changes)
+    cases = [_Case(k, dict(values), seed) for k in range(len(thetas)) for values in changes]
+    named = range(len(thetas), len(thetas) + len(found.references))
+    return [*thetas, *found.references.values()], (*cases, *(_Case(k, {}, seed) for k in named))
 
 
 def _count_rivals(
@@ -410,6 +415,8 @@ def _count_rivals(
         return None
     pairs, names = zip(cases, results, strict=True), [each.factor.name for each in verified.breaking]
     kept = [not _run(scenario, verified.tuning.nominal, case, result).problems for case, result in pairs]
-    good = np.array(kept, dtype=bool).reshape(-1, 1 + len(names))
+    random = len(kept) - len(scenario.references)
+    good = np.array(kept[:random], dtype=bool).reshape(-1, 1 + len(names))
     alone = dict(zip(names, good[good[:, 0], 1:].sum(axis=0).tolist(), strict=True))
-    return Others(len(good), int(good[:, 0].sum()), alone)
+    known = tuple(name for name, holds in zip(scenario.references, kept[random:], strict=True) if holds)
+    return Others(len(good), int(good[:, 0].sum()), alone, known)

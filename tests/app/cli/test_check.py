@@ -60,6 +60,12 @@ def test_a_scenario_in_order_passes_and_is_drawn(check, tmp_path):
     assert (tmp_path / result["picture"]).read_bytes()[:4] == b"\x89PNG"
 
 
+def test_a_kpi_that_is_not_a_number_is_no_randomness(check):
+    text = "def run(theta, seed=0):\n    return t.run(theta).with_kpis({'a': np.nan})\n"
+    _, result = check(f"{text}own = replace(t.toy, run=run, kpis=())")
+    assert found(result, "same again") == (True, "the same θ and seed give the same experiment")
+
+
 def test_theta_and_the_picture_can_be_chosen(check, tmp_path):
     code, result = check("own = t.toy", "--theta", "paper", "--out", "new.png")
     assert (code, result["theta"]["T_s"]) == (0, 0.31)

@@ -63,6 +63,21 @@ def test_a_table_beside_the_tuning_before_with_statement_margins_and_worst_runs(
     assert all((tmp_path / f"worst_run_{k}.png").stat().st_size > 10_000 for k in (1, 2, 3))
 
 
+def test_a_plant_that_changed_since_the_study_is_named_first(prefcal, tmp_path):
+    code = "from prefcal_env import Plant\nplant = Plant.of(([{}], [20, 1]), delay=6.0)\n"
+    (tmp_path / "own.py").write_text(code.format(0.8))
+    study = ("--calibrator", "synthetic", "--cost", "settling_time", "--simulate", "0", "--n-max", "3")
+    done, _, err = prefcal("calibrate", "pid", "--plant", "own.py:plant", *study, "--out", "o")
+    assert done == 0, err
+    words = ("verify", "o/best.json", "--runs", "3", "--jobs", "1")
+    _, same, _ = prefcal(*words)
+    (tmp_path / "own.py").write_text(code.format(1.3))
+    _, other, _ = prefcal(*words)
+    first = "Of the plant as its files are now, not as in the study."
+    assert first not in " ".join(same.split())
+    assert f"Does it hold? {first}" in " ".join(other.split())
+
+
 def test_in_a_terminal_each_of_the_worst_runs_is_asked_about_once(prefcal, best, tmp_path, monkeypatch):
     said, answers = [], iter(["y", "N", "?"])
 

@@ -21,6 +21,20 @@ def interview(toy):
     return begin(toy)
 
 
+def test_what_is_read_while_nobody_takes_a_step_belongs_together(interview):
+    proceed(interview)
+    held = interview.now().state.history.answered
+    answering = threading.Thread(target=lambda: answer(interview, LEFT))
+    with interview.past.still():
+        before = interview.past.comparisons()
+        answering.start()
+        answering.join(0.3)
+        assert len(interview.past.comparisons()) == len(before) == held
+        assert interview.now().state.history.answered == held
+    answering.join(10)
+    assert len(interview.past.comparisons()) == held + 1
+
+
 def judge(question):
     """A choice that follows the toy's latent cost."""
     difference = toy_scenario().cost(question.left.experiment) - toy_scenario().cost(

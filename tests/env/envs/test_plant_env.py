@@ -27,6 +27,16 @@ def level_after(u: float, t: np.ndarray | float, d: float = 0.0) -> np.ndarray |
     return 2 * (u + d) * (1 - np.exp(-np.asarray(t) / 2))
 
 
+def test_a_controller_cannot_move_the_plant_by_what_it_is_given():
+    env = tank_env()
+    env.reset()
+    env.step(np.array([-0.5]))
+    known = env.measurement()
+    with pytest.raises(ValueError, match="read-only"):
+        known.x -= 1.0  # as in deviations from a set point, computed in place
+    assert env.measurement().x == pytest.approx([level_after(1.0, 0.5)], abs=1e-9)
+
+
 def test_one_step_holds_the_input_for_one_sampling_period():
     env = tank_env()
     env.reset()

@@ -95,6 +95,20 @@ def test_a_controller_in_the_input_is_said_to_be_ambiguous():
     assert made.models[made.best].gain == pytest.approx(GAIN, rel=0.1)
 
 
+def test_a_valve_that_sticks_is_noticed_by_what_no_model_explains():
+    t = np.arange(400.0)
+    u = np.select([t < 40, t < 140, t < 240], [40.0, 42.0, 44.0], 42.0)
+    moved = np.select(
+        [t < 140, t < 240], [40.0, 44.0], 44.0
+    )  # the first move and the last one do not get through
+    num, den, _ = signal.cont2discrete(([1.5], [30, 1]), 1.0, "zoh")
+    noise = 0.05 * np.random.default_rng(1).standard_normal(400)
+    sticking, free = (signal.lfilter(np.ravel(num), den, v - 40) + noise for v in (moved, u))
+    (note,) = identify(t, u, sticking, count=50).notes
+    assert note.startswith("No model explains the response: what is left has a standard deviation of ")
+    assert identify(t, u, free, count=50).notes == ()
+
+
 def test_rows_need_not_be_equally_spaced():
     kept = np.sort(np.random.default_rng(5).choice(N, 200, replace=False))
     made = identify(TIME[kept], STEPPED[kept], output()[kept], count=30)

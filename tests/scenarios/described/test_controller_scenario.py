@@ -1,6 +1,7 @@
 """Scenarios of standard controllers: PID and LQR."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -44,7 +45,7 @@ def test_the_middle_of_the_ranges_is_stable_and_random_tunings_are_often_sane(na
     assert np.mean(stable) >= 0.4
     ended = [scenario.run(space.decode(z)).kpis for z in drawn[:20]]
     good = [k.get("settling_time", np.inf) + k.get("recovery", np.inf) < np.inf for k in ended]
-    assert np.mean(good) >= 0.2
+    assert np.mean(good) >= 0.15
 
 
 @pytest.mark.parametrize("name", ["lag with dead time", "integrator", "non-minimum phase"])
@@ -337,6 +338,50 @@ def test_a_reference_that_the_input_cannot_hold_is_refused(make):
         make(plant, reference={"T": reach + 0.1})
     integrator = Plant.of(([0.05], [1, 0]), inputs=[Channel("valve", "%", -10, 10)], outputs=["T"])
     assert make(integrator, reference={"T": 1e3}).run.kpis.design.loops[0].target == 1e3
+
+
+def saturating():
+    law = lambda x, u, d: [(100 * max(u[0], 0) / (max(u[0], 0) + 30) - x[0]) / 10]  # noqa: E731
+    return FunctionPlant(law, states=[Channel("y", "g/L")], inputs=[VALVE])
+
+
+def with_a_singular_gain():
+    rows = [[([1.0], [20, 1]), ([0.8], [15, 1])], [([0.5], [30, 1]), ([0.4], [10, 1])]]
+    inputs = [Channel("a", "%", 0, 100), Channel("b", "%", 0, 100)]
+    return Plant.of(rows, inputs=inputs, outputs=["L", "T"])
+
+
+@pytest.mark.parametrize(
+    ("plant", "reference", "said"),
+    [
+        (saturating(), {"y": 105.0}, r"y = 105 g/L is out of reach: .* no steady state there"),
+        (with_a_singular_gain(), {"L": 110.0, "T": 70.0}, r"L = 110, T = 70 is out of reach: .* no steady"),
+        (
+            Plant.of(([0.8], [20, 1]), inputs=[VALVE], outputs=[Channel("T", "°C", low=-50, high=3)]),
+            {"T": 3.0},
+            r"the reference T = 3 °C must be inside the limits of 'T', -50 to 3 °C",
+        ),
+    ],
+)
+def test_a_reference_without_a_steady_state_is_refused(plant, reference, said):
+    with pytest.raises(ScenarioError, match=said):
+        pid_scenario(plant, reference=reference)
+
+
+def test_two_outputs_of_a_singular_gain_are_reached_if_their_references_agree():
+    found = pid_scenario(with_a_singular_gain(), reference={"L": 110.0, "T": 55.0})
+    assert [loop.target for loop in found.run.kpis.design.loops] == [110.0, 55.0]
+
+
+def test_an_oscillation_that_ends_in_the_band_by_chance_has_not_settled():
+    scenario = pid_scenario(PLANTS["double lag"])
+    run, design = scenario.run(scenario.references["robust"]), scenario.run.kpis.design
+    assert np.isfinite(run.kpis["settling_time"])
+    first = run.t < design.phase
+    loop, y = design.loops[0], run.y.copy()
+    y[first, 0] = loop.target + 0.5 * loop.step * np.where(np.arange(first.sum()) % 2, 1, -1)
+    y[np.flatnonzero(first)[-1], 0] = loop.target  # its last sample is in the band
+    assert scenario.run.kpis(replace(run, y=y))["settling_time"] == np.inf
 
 
 def test_a_run_that_had_not_arrived_when_the_load_came_never_recovers():

@@ -471,7 +471,7 @@ def test_margins_as_kpis_are_the_worse_of_start_and_target(target, worse):
     peaks = {"start": start.M_s, "target": start.target.M_s}
     assert max(peaks, key=peaks.get) == worse
     run = scenario.run(theta)
-    assert run.kpis["M_s"] == pytest.approx(peaks[worse], rel=0.01)
+    assert run.kpis["M_s"] == pytest.approx(peaks[worse], rel=5e-4)
     assert abs(peaks["start"] - peaks["target"]) > 0.02 * peaks[worse]
     kpis = MarginKPIs(scenario.run)(run)
     for name in ("phase", "delay", "disk"):
@@ -678,8 +678,8 @@ def test_a_worst_run_names_what_moved_most_within_its_range_with_units():
     worst = WorstRun.of(run_of(("overshoot misses its objective",)), FACTORS)
     assert worst.words == "overshoot misses its objective"
     assert worst.text == (
-        "dead time 7.03 s, noise 0.00117 of the step, gain 4 1.04, gain 3 1.03, gain 2 1.02, "
-        "gain 1 1.01, jitter 3.08e−05, gain 0 1"
+        "dead time 7.035 s, noise 0.001172 of the step, gain 4 1.04, gain 3 1.03, gain 2 1.02, "
+        "gain 1 1.01, jitter 3.082e−05, gain 0 1"
     )
     many = WorstRun("", {f"gain {k}": 1.0 for k in range(10)}, 3)
     assert many.text.endswith("gain 7 1 and 2 others")

@@ -185,6 +185,12 @@ def test_the_mpc_of_a_discrete_plant_sees_a_continuous_one_with_the_same_samples
         ((A, B, C, D), {"delay": [[1.0, 2.0]]}, r"a row for each of 2 outputs.*got shape \(1, 2\)"),
         ((A, B, C, D), {"delay": [[0.0, -1.0], [0.0, 0.0]]}, "delay must be 0 s or more"),
         ([[([1], [1, 1]), 0], [0]], {}, "rows of transfer functions must have the same length"),
+        # Numerators and denominators as elsewhere; as rows, the gain of the first entry would be 1 / 0.8.
+        (
+            ([[[1.0], [0.8]], [[0.5], [0.4]]], [[[20, 1], [15, 1]], [[30, 1], [10, 1]]]),
+            {},
+            "can be read in two ways: give rows of transfer functions as",
+        ),
         ((A, B, C, D, 0.1), {"delay": 0.25}, "multiple of its sample time"),
         ((A * np.nan, B, C, D), {}, "A must be finite"),
     ],
