@@ -329,6 +329,6 @@ def _notes(
     if left > max(_UNEXPLAINED * quiet, _VISIBLE * np.ptp(fit)):
         yield (
             f"No model explains the response: what is left has a standard deviation of {left:.3g}, the noise "
-            f"before the first step one of {quiet:.2g}. The actuator may stick, a load may have acted, or the "
-            "plant is not linear: find out before you tune on it."
+            f"before the first step one of {quiet:.2g}. The actuator may stick, a load may have acted, or "
+            "the plant is not linear: find out before you tune on it."
         )
