@@ -146,12 +146,29 @@ class VariedLoop:
         if self._loaded:
             yield Factor.around(LOAD, "task", SIZE, possible=NOT_NEGATIVE)
             yield Factor(TURN, "task", 1.0, -1.0, 1.0, ends=True)
+        starts, targets = self._places if self.moves else ("", "")
         steps = (
-            Factor.around(REFERENCE, "task", SIZE, possible=(LEAST, np.inf)),
-            Factor(SHIFT, "task", 0.0, -_OFFSET, _OFFSET, "of the step"),
+            replace(Factor.around(REFERENCE, "task", SIZE, possible=(LEAST, np.inf)), told=targets),
+            Factor(SHIFT, "task", 0.0, -_OFFSET, _OFFSET, "of the step", told=starts),
             Factor(DIRECTION, "task", 1.0, -1.0, 1.0, ends=True),
         )
         yield from (factor for factor in steps if factor.name in self.moves)
+
+    @property
+    def _places(self) -> tuple[str, str]:
+        """Return in words between which values the first output starts, and between which its targets are."""
+        k, size = tracked_of(self.task)[0], 1.0 + SIZE
+        y, start = self.plant.outputs[k], float(self.start[k])
+        first, last = (self.task.reference(t)[k] - start for t in (0.0, self.task.horizon))
+        shift = _OFFSET * abs(first)
+        sent = [size * last, -size * last if DIRECTION in self.moves else (2.0 - size) * last]
+
+        def between(low: float, high: float) -> str:
+            return f"{low:.4g} to {high:.4g} {y.unit}".rstrip().replace("-", "−")
+
+        starts = between(start - shift, start + shift)
+        targets = between(start + min(sent) - shift, start + max(sent) + shift)
+        return f"usual, {y.name} from {starts}", f"usual, targets of {y.name} from {targets}"
 
     def _later(self, values: Values) -> float:
         """Return the factor of all dead times."""

@@ -214,6 +214,8 @@ class Verification:
         else:
             holds = "Holds" if breakable(self.kpis) else "Not judged, since no limit on runs is stated"
             said = f"{holds}{', but a stated margin is missed' if self.misses_margin else ''}: {held}"
+        if count and self.never:
+            said += f" Not even the nominal run has a finite {' or '.join(self.never)}."
         usual = "; ".join(self._offer(*each) for each in self.usual)
         return f"{said}{f' Usual limits: {usual}.' if usual and count else ''} {self.margin_verdict}".rstrip()
 

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from scipy.special import betaincinv
 
-from prefcal_env import Channel, Experiment, Knob, KnobSpace, recorded
+from prefcal_env import Channel, Experiment, Knob, KnobSpace, Plant, recorded
 from prefcal_env.errors import KnobError, ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import End
 from prefcal_env.sources.varied import UNMODELED, within
 from prefcal_scenarios import KPI, Scenario, load
+from prefcal_scenarios.described.pid_scenario import pid_scenario
 from prefcal_scenarios.verification import replay, verify
 from prefcal_scenarios.verification.result import Others, Verified, most_probable
 
@@ -166,6 +167,25 @@ def test_what_alone_makes_every_tuning_fail_calls_for_another_controller():
         "change the controller or relax the limit: this tuning does not hold even nominally, and none of 60 "
         "tunings drawn at random does (fewer than 5 % of the ranges do, with 95 % confidence)"
     )
+
+
+def test_between_which_values_an_output_starts_and_is_sent_is_said_in_its_unit():
+    plant = Plant.of(([2.0], [10, 1]), delay=5.0, inputs=[Channel("u", "V")], outputs=[Channel("T", "°C")])
+    scenario = pid_scenario(plant, reference={"T": 10.0})
+    told = {f.name: f.told for f in scenario.source.varied().factors}
+    assert told["start"] == "usual, T from −5 to 5 °C"
+    assert (
+        told["size of the step"] == "usual, targets of T from −17 to 17 °C"
+    )  # 1.2 of the step, half a step off
+
+
+def test_what_not_even_the_nominal_run_reaches_stands_in_the_headline():
+    def moved(theta, seed=0, mass=1.0):
+        return run(theta, seed).with_kpis({"ts": np.inf, "weight": mass})
+
+    kpis = (KPI("ts", "settling time", "s", better="lower"), KPI("weight", "weight", better="lower"))
+    found = verify(replace(SPRING, run=moved, kpis=kpis), THETA, 5, jobs=1)
+    assert "Not even the nominal run has a finite settling time." in found.headline
 
 
 def test_a_reference_that_holds_is_advised_where_the_tuning_does_not_even_nominally():
