@@ -389,6 +389,7 @@ def outlook(
     state: State,
     *,
     missed: Sequence[str] = (),
+    never: Sequence[str] = (),
     helps: Callable[[int, bool], bool],
 ) -> Outlook:
     """Return the outlook of a study.
@@ -400,10 +401,12 @@ def outlook(
         place: Path of the study file; ":memory:" if there is none.
         state: State of the study.
         missed: Titles of the KPIs whose objectives the best experiment misses.
+        never: Titles of the KPIs that are infinite even in the best experiment.
         helps: Function of the number of a knob at its end, and whether it is the upper end, that
             returns whether going further is expected to help.
     """
-    why = _missed(missed)
+    reach = f"Not even the best experiment has a finite {_listed(never)}." if never else ""
+    why = f"{_missed(missed)} {reach}".strip()
     ends = [
         (knob, up)
         for knob, up in at_end(space, best)

@@ -140,7 +140,10 @@ class Known:
         driver = self._driver
         state, place, by_value = driver.state, driver.file.path, driver.agent.by_value
         space = self._scenario().space
-        found = outlook(promise, best.theta, space, place, state, missed=self.missed, helps=self._helps)
+        missed, helps = self.missed, self._helps
+        others = (k for k in self._scenario().shown_kpis if k.goal is not None and k.title not in missed)
+        never = [k.title for k in others if np.isinf(best.kpis.get(k.name, 0.0))]
+        found = outlook(promise, best.theta, space, place, state, missed=missed, never=never, helps=helps)
         said = self.findings
         if said is not None and state.ended:
             found = replace(found, result=told(said, self._scenario(), self._experiment))

@@ -69,6 +69,15 @@ def test_no_sentence_contradicts_another():
     assert said([0.25, 20, 1.0, 0.0], "").sentences == (found.ends,)
 
 
+def test_what_no_experiment_reaches_comes_first_too():
+    place, why = "/tmp/mine.prefcal", {"never": ["settling time"], "helps": always}
+    found = outlook(PROMISE, np.array(MIDDLE), SPACE, place, STATE, missed=["peak"], **why)
+    assert found.missed.startswith("The best experiment misses the objective for peak")
+    assert found.missed.endswith(" Not even the best experiment has a finite settling time.")
+    alone = outlook(PROMISE, np.array(MIDDLE), SPACE, place, STATE, **why)
+    assert alone.sentences[0] == "Not even the best experiment has a finite settling time."
+
+
 @pytest.mark.parametrize("theta", [MIDDLE, [0.25, 20, 1.0, 0.0]])
 @pytest.mark.parametrize("place", [":memory:", "/tmp/mine.prefcal"])
 def test_missed_objectives_come_first(theta, place):
