@@ -148,8 +148,8 @@ _TOP = re.compile(r"<!-- verdict -->.*?<!-- end -->", re.DOTALL)
 """The verdict, above the tables of the sheet."""
 _UNKNOWN = "not verified"
 _RUN = (
-    f"{_UNKNOWN}: other gains, dead times, noise, loads and set points than modeled. Run prefcal verify "
-    "best.json, which completes this page."
+    f"{_UNKNOWN}: how it does if gains, dead times, noise, loads and set points all differ from the model. "
+    "Run prefcal verify best.json, which completes this page."
 )
 _BRIEF = 214  # most characters of what an experiment is: two lines
 LOOP = "open_loop.png"
