@@ -100,6 +100,9 @@ def _list(names: Any) -> str:
 
 # --- Keep what was identified, and make the plant of it.
 
+_FARTHER, _USUAL = 2.0, 0.2
+"""How far a reference moves the input at most, as a factor of its move in the record; share of the input's
+range that a usual reference needs."""
 _NUMBERS = ("gain", "rate", "time constant 1", "lag 1", "1/ω", "dead time")
 """Numbers whose intervals say what a record leaves open."""
 
@@ -120,6 +123,7 @@ class Found:
     models: tuple[Model, ...]  # those that are easiest to control first
     noise: float = 0.0  # standard deviation of what the best model leaves of the output
     notes: tuple[str, ...] = ()  # what to know of the record, in sentences
+    moved: float = 0.0  # largest move of the input away from its start; 0 if it is not known
 
     @classmethod
     def of(cls, path: Path, test: StepTest, found: Identified, limits: tuple[float, float] | None) -> "Found":
@@ -142,6 +146,7 @@ class Found:
             models=found.models,
             noise=found.noise,
             notes=found.notes,
+            moved=float(np.abs(test.u - u).max()),
         )
 
     @classmethod
@@ -189,12 +194,20 @@ class Found:
         plant = LinearPlant(
             (systems[0][0].A, systems[0][0].B, systems[0][0].C, systems[0][0].D),
             inputs=[Channel(self.input, self.units[0], *self.limits)],
-            outputs=[Channel(self.output, self.units[1])],
+            outputs=[Channel(self.output, self.units[1], target=self._reference)],
             rest=self.start,
             name=f"{names} ({about})",
             time_unit=self.time_unit,
         )
         return plant.among(Sample(systems, self.best, self.record, self.told, self.noise))
+
+    @property
+    def _reference(self) -> float | None:
+        """Return a reference near what the record has shown; None if a usual one is, too."""
+        best, most = self.models[self.best], _FARTHER * self.moved
+        if best.integrates or not 0 < most < _USUAL * (self.limits[1] - self.limits[0]):
+            return None
+        return float(f"{self.start[1] + best.gain * most:.6g}")
 
 
 def ends(low: float, high: float) -> tuple[str, str]:

@@ -44,6 +44,17 @@ def test_the_plant_has_the_values_of_the_record_and_moves_as_far_as_its_limits(p
     assert plant.g(x, np.array([46.0]), none) == pytest.approx(52 + 1.8 * 6, abs=0.2)
 
 
+def test_a_study_stays_near_what_the_record_has_shown(record, plant):
+    """The record moves the valve by 6 %: twice that, and not a fifth of what the valve may reach."""
+    scenario = load(f'pid {{"plant": "{record.as_posix()}"}}')
+    found = Found.read(record.with_suffix(KEPT_PLANT))
+    assert found.moved == pytest.approx(6.0)
+    (loop,) = scenario.run.kpis.design.loops
+    assert loop.target == pytest.approx(52 + 1.8 * 12, rel=0.02)
+    wide = replace(found, moved=15.0).plant()
+    assert wide.outputs[0].target is None, "a usual step is no farther"
+
+
 @pytest.mark.parametrize("kind", ["pid", "lqr"])
 def test_a_study_starts_where_the_record_did_with_limits_as_the_actuator_has_them(record, plant, kind):
     scenario = load(f'{kind} {{"plant": "{record.as_posix()}", "reference": {{"temperature": 60}}}}')
