@@ -85,7 +85,7 @@ def test_one_verification_runs_at_a_time_and_its_result_is_shown_and_judged(page
         len(row["cells"]) == len(table["columns"]) - 1 for table in said["tables"] for row in table["rows"]
     )
     (worst,) = said["worst"]
-    assert (worst["values"], worst["picture"]) == ("dead time 7.12 s", "/report/worst_run_1.png")
+    assert (worst["values"], worst["picture"]) == ("dead time 7.123 s", "/report/worst_run_1.png")
     of = {"seed": worst["seed"], "best": said["best"]}
     judged = page.post("judge", run=0, **of, acceptable=False).json()["said"]["worst"]
     assert [each["verdict"] for each in judged] == ["not acceptable"]
