@@ -167,7 +167,8 @@ def answers(record: StudyRecord) -> Answers:
     each = f" ({counts}; each one in comparisons.csv)" if record.questions else ""
     partial = "; the study is not complete" if record.partial else ""
     digest = f" SHA-256 of the study file: {record.digest}." if record.digest else ""
-    promise, told = ("", ()) if record.outlook is None else (record.outlook.promise, record.outlook.result)
+    said = record.outlook
+    promise, told = ("", ()) if said is None else (said.enough or said.promise, said.result)
     only = "only where candidates are simulated, at the end of a study"
     found = {
         "Who answered": f"{counted(len(record.trials), 'experiment')}, "

@@ -13,7 +13,16 @@ from prefcal_agents.glisp.agent import Foresight
 from prefcal_agents.learned_cost import LearnedCost
 from prefcal_agents.screening.agent import Screening
 from prefcal_agents.screening.findings import Findings
-from prefcal_app.simulating import Screened, SimulationCounts, Simulator, named_twin, promise, simulates, told
+from prefcal_app.simulating import (
+    Screened,
+    SimulationCounts,
+    Simulator,
+    enough,
+    named_twin,
+    promise,
+    simulates,
+    told,
+)
 from prefcal_app.summary import (
     Consistency,
     Counts,
@@ -146,7 +155,8 @@ class Known:
         found = outlook(promise, best.theta, space, place, state, missed=missed, never=never, helps=helps)
         said = self.findings
         if said is not None and state.ended:
-            found = replace(found, result=told(said, self._scenario(), self._experiment))
+            result = told(said, self._scenario(), self._experiment)
+            found = replace(found, result=result, enough=enough(said))
         if not by_value:
             found = replace(found, unbeaten=others_unbeaten(state.history, robust=is_robust(state)))
         return found if found.sentences else None

@@ -286,6 +286,7 @@ def told(found: Findings, scenario: Scenario, run: Callable[[int], Experiment]) 
 
 # --- Say what the simulated θ still promise, and when to offer to stop.
 
+_EARLY = "It is too early to say how many of θ drawn at random are."
 _UNLIKELY, _KNOWN = 0.1, 0.5
 """Chance below which stopping is offered, and that above which something better is known."""
 
@@ -298,18 +299,26 @@ def promise(found: Findings) -> str:
     if said is not None and not said.explained:
         return "The answers may follow from more than the KPIs: how much is left to gain is not said."
     if said is not None and said.share is not None and said.chance is not None:
-        left = (
-            f"Of θ drawn at random instead, fewer than {percent(said.share)} are noticeably better (with "
-            f"{percent(said.probability)} probability).{_as_good_as(said)}"
-        )
+        left = enough(found)
+        more = f"{left}{_as_good_as(said)}" if left else _EARLY
         return (
             f"The chance that the most promising of the {found.simulated} simulated is noticeably better "
-            f"than the best so far is {percent(said.chance)}. "
-            f"{left if said.share < 1 else 'It is too early to say how many of θ drawn at random are.'}"
+            f"than the best so far is {percent(said.chance)}. {more}"
         )
     return (
         f"The chance that the most promising of the {found.simulated} simulated is better than "
         f"the best so far is {percent(chance)}."
+    )
+
+
+def enough(found: Findings) -> str:
+    """Return of how many random θ fewer are noticeably better, for a sheet; empty where that is not said."""
+    said = found.certificate
+    if said is None or said.share is None or said.share >= 1:
+        return ""
+    return (
+        f"Of θ drawn at random, fewer than {percent(said.share)} are noticeably better (with "
+        f"{percent(said.probability)} probability)."
     )
 
 

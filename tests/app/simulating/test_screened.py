@@ -201,7 +201,7 @@ def test_why_a_study_is_over_does_not_contradict_what_is_said_of_its_result():
 def test_from_the_second_answer_on_it_states_what_holds_for_people_unlike_the_draws():
     assert promise(certified(CERTIFIED)) == (
         "The chance that the most promising of the 940 simulated is noticeably better than the best so far "
-        "is 30 %. Of θ drawn at random instead, fewer than 6 % are noticeably better (with 95 % probability)."
+        "is 30 %. Of θ drawn at random, fewer than 6 % are noticeably better (with 95 % probability)."
     )
     early = promise(certified(replace(CERTIFIED, share=1.0)))
     assert early.endswith("so far is 30 %. It is too early to say how many of θ drawn at random are.")
