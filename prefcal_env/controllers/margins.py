@@ -209,10 +209,10 @@ def margins(plant: Plant, task: Task, make: Callable[[], Controller], *, settle:
     return margins_of(response, np.geomspace(0.1 * slowest / T_s, np.pi / T_s, 1500))
 
 
-def margins_at_target(plant: Plant, task: Task, make: Callable[[], Controller]) -> Margins | None:
-    """Return the margins where a task ends, of a plant that is not linear; None if there are none."""
+def margins_at_target(plant: Plant, target: Task | None, make: Callable[[], Controller]) -> Margins | None:
+    """Return the margins at a task of `at_target`; None without one, or if there are none."""
     try:
-        return margins(plant, ended, make) if (ended := at_target(plant, task)) else None
+        return None if target is None else margins(plant, target, make)
     except Exception:  # what people's own plants and controllers raise away from their start
         return None
 
@@ -519,7 +519,7 @@ class MarginKPIs:
         if not isinstance(env, PlantEnv):
             raise SettingsError(f"margins need a PlantEnv, whose plant can be linearized, got {env!r:.60}")
         start = margins(env.plant, env.task, make)
-        target = margins_at_target(env.plant, env.task, make)
+        target = margins_at_target(env.plant, at_target(env.plant, env.task), make)
         places = [m for m in (start, target) if m is not None]
         gain = min(min(m.gain, 1 / m.gain_reduction if m.gain_reduction else np.inf) for m in places)
         return {

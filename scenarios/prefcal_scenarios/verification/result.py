@@ -85,18 +85,18 @@ def margins_at(known: Varied, theta: Float[np.ndarray, " n"]) -> Margins | str:
     """
     if (loop := known.loop) is None:
         return UNKNOWN
-    make, target = partial(loop.controller, theta), at_target(loop.plant, loop.task)
+    make = partial(loop.controller, theta)
     try:
         start = margins(loop.plant, loop.task, make)
     except Exception as error:  # people's own plants and controllers can raise anything
         return f"no margins: {error}"
-    there = margins_at_target(loop.plant, loop.task, make)
+    target = at_target(loop.plant, loop.task)
+    there = margins_at_target(loop.plant, target, make)
     # The same to the last printed digit: the plant is linear, or did not move.
     if target is None or there is None or _by_kpi(there) == _by_kpi(start):
         return start
-    return replace(
-        start, place=_place(loop.plant, loop.task), target=replace(there, place=_place(loop.plant, target))
-    )
+    there = replace(there, place=_place(loop.plant, target))
+    return replace(start, place=_place(loop.plant, loop.task), target=there)
 
 
 def _place(plant: Plant, task: Task) -> str:
@@ -316,12 +316,12 @@ class Verification:
         """Return what to do if some run fails: which limits, if relaxed, let how many more runs hold."""
         missed = {problem for run in self.failed for problem in run.problems}
         able = [kpi for kpi in self.kpis if kpi.goal != "target" and _miss_words(kpi) in missed]
-        alone = [self._relaxed([kpi]) for kpi in able]
-        together = self._relaxed(able)
+        alone = [self._relax([kpi]) for kpi in able]
+        together = self._relax(able)
         more = len(able) > 1 and together[0] > max(held for held, _ in alone)
         return tuple(words for _, words in [*alone, *([together] if more else [])] if words)
 
-    def _relaxed(self, kpis: Sequence[KPI]) -> tuple[int, str]:
+    def _relax(self, kpis: Sequence[KPI]) -> tuple[int, str]:
         """Return how many runs hold with limits of some KPIs that just let them, and that in words."""
         misses = {_miss_words(kpi): kpi for kpi in kpis}
         # Who misses anything else would still not hold, and nobody relaxes a limit as far as an outlier asks.
@@ -334,7 +334,7 @@ class Verification:
         held, count = len(self.runs) - len(self.failed) + len(freed), len(self.runs)
         if len(changed) < len(kpis):
             return held, ""
-        limits = [f"{_just(kpi, freed)} in place of {limits_text(kpi)}" for kpi in kpis]
+        limits = [f"{_tightest(kpi, freed)} in place of {limits_text(kpi)}" for kpi in kpis]
         if len(kpis) == 1:
             what, new = f"limit of {kpis[0].title}", limits[0]
         else:
@@ -430,7 +430,7 @@ def problems_of(kpis: Sequence[KPI], result: HasKPIs, nominal: HasKPIs | None) -
     return tuple(found)
 
 
-def _just(kpi: KPI, runs: Sequence[VerifiedRun]) -> str:
+def _tightest(kpi: KPI, runs: Sequence[VerifiedRun]) -> str:
     """Return the tightest limit of a KPI that lets some runs hold, in words."""
     values = [run.kpis[kpi.name] for run in runs if kpi.name in run.kpis]
     limit = kpi.read(min(values) if np.isfinite(kpi.at_least) else max(values))
