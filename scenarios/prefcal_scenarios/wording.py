@@ -184,8 +184,8 @@ def with_unit(text: str, unit: str) -> str:
 def range_ends(name: str) -> str:
     """Return that the range of an input ends where it is needed, and what helps, after other words."""
     return (
-        f"{name} is at its limit for most of the time that an output is away from its reference: a smaller "
-        "step or load, or a larger range, helps there rather than another controller"
+        f"{name} is at its limit for most of the time that an output is away from its reference: try a "
+        "smaller step or load, or a larger range, before another controller"
     )
 
 

@@ -179,6 +179,6 @@ def test_where_the_range_of_an_input_ends_no_other_controller_is_advised():
     assert usual.endswith("widen the ranges or change the controller.")
     assert found == (
         "The best experiment misses the objective for peak: heater is at its limit for most of the time that "
-        "an output is away from its reference: a smaller step or load, or a larger range, helps there rather "
-        "than another controller."
+        "an output is away from its reference: try a smaller step or load, or a larger range, before another "
+        "controller."
     )

@@ -226,8 +226,8 @@ def test_where_the_range_of_an_input_ends_no_other_controller_is_advised():
     said = Verified.of(found, oven, "", "1.0", "", robust=True)
     assert said.advice[0] == (
         f"in {failed} of the {failed} runs that fail, heater is at its limit for most of the time that an "
-        "output is away from its reference: a smaller step or load, or a larger range, helps there rather "
-        "than another controller"
+        "output is away from its reference: try a smaller step or load, or a larger range, before another "
+        "controller"
     )
     assert "ask for a smaller step or a larger range of the actuator or relax the limit" in said.advice[1]
     assert not any("change the controller" in each for each in said.advice)
