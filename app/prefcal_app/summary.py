@@ -27,6 +27,7 @@ from prefcal_scenarios.wording import (
     limits_text,
     meaning,
     measured_texts,
+    range_ends,
     read_text,
     typed_name,
     typed_number,
@@ -380,6 +381,13 @@ def foreseen(chance: float | None, index: int | None) -> str:
     return f"By the answers so far, the chance that {better}."
 
 
+NONE_SAFE = (
+    "No experiment ended safely, so none is a result: go on or, if that does not help, start from values "
+    "that are known to be safe (--start), widen the ranges of the knobs, or check the limits that end a run."
+)
+"""What is said in place of what the best experiment promises if no experiment ended safely."""
+
+
 def outlook(
     promise: str,
     best: Float[np.ndarray, " n"],
@@ -389,6 +397,7 @@ def outlook(
     *,
     missed: Sequence[str] = (),
     never: Sequence[str] = (),
+    limiting: str = "",
     helps: Callable[[int, bool], bool],
 ) -> Outlook:
     """Return the outlook of a study.
@@ -401,11 +410,12 @@ def outlook(
         state: State of the study.
         missed: Titles of the KPIs whose objectives the best experiment misses.
         never: Titles of the KPIs that are infinite even in the best experiment.
+        limiting: Input whose range limits the best experiment; "" if none does.
         helps: Function of the number of a knob at its end, and whether it is the upper end, that
             returns whether going further is expected to help.
     """
     reach = f"Not even the best experiment has a finite {_listed(never)}." if never else ""
-    why = f"{_missed(missed)} {reach}".strip()
+    why = f"{_missed(missed, limiting)} {reach}".strip()
     ends = [
         (knob, up)
         for knob, up in at_end(space, best)
@@ -429,15 +439,14 @@ def outlook(
     )
 
 
-def _missed(titles: Sequence[str]) -> str:
-    """Return a sentence on missed objectives; empty if there are none."""
+def _missed(titles: Sequence[str], limiting: str) -> str:
+    """Return a sentence on missed objectives and what to do about them; empty if there are none."""
     if not titles:
         return ""
     which = "objectives" if len(titles) > 1 else "objective"
-    return (
-        f"The best experiment misses the {which} for {_listed(titles)}: continue or, if more "
-        "experiments do not help, widen the ranges or change the controller."
-    )
+    more = "continue or, if more experiments do not help, widen the ranges or change the controller"
+    todo = range_ends(limiting) if limiting else more
+    return f"The best experiment misses the {which} for {_listed(titles)}: {todo}."
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -438,6 +438,32 @@ class Experiment:
 
 
 KPIs = Callable[[Experiment], Mapping[str, float]]  # function of an experiment that returns its KPIs by name
+_FAR, _MOSTLY, _RARELY, _NEAR = 0.03, 0.5, 0.1, 1e-6
+"""Share of the largest error above which an output is away from its reference; shares of that time; share
+of the size of a limit by which an input may miss it and still count as being at it."""
+
+
+def limiting_input(experiment: Experiment) -> str:
+    """Return the input that is at one limit for most of the time that an output is away from its reference.
+
+    It is "" if none is, and if one goes from limit to limit, which is an oscillation.
+    """
+    for run in experiment.runs or (experiment,):
+        targets = [(run.output(i), run.reference(i)) for i in range(len(run.channels.y))]
+        errors = [np.nan_to_num(np.abs(y - r)) for y, r in targets if y is not None and r is not None]
+        if len(run.t) < 2 or not errors:
+            continue
+        away = np.any([e[:-1] > _FAR * e.max() for e in errors], axis=0)
+        steps = np.diff(run.t) * away  # values are held until the next instant
+        for channel, u in zip(run.channels.u, run.u[:-1].T, strict=True):
+            near = _NEAR * max(abs(end) for end in (channel.low, channel.high, 1e-300) if np.isfinite(end))
+            ends = [u <= channel.low + near, u >= channel.high - near]
+            rarely, mostly = sorted(float(steps[end].sum()) for end in ends)
+            if mostly > _MOSTLY * steps.sum() and rarely <= _RARELY * mostly:
+                return channel.name
+    return ""
+
+
 _NAMES = ("theta", "t", "x", "u", "t_control", "u_control", "y_ref", "iterations", "solve_time", "solved")
 ARRAYS: dict[str, Any] = dict.fromkeys(_NAMES, float) | {"iterations": np.int64, "solved": bool}
 """Types of the arrays of an experiment, by name."""

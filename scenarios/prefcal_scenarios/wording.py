@@ -179,6 +179,14 @@ def with_unit(text: str, unit: str) -> str:
     return f"{text} {unit}" if unit not in ("", "-") and text[:1] in "-−+0123456789" else text
 
 
+def range_ends(name: str) -> str:
+    """Return that the range of an input ends where it is needed, and what helps, after other words."""
+    return (
+        f"{name} is at its limit for most of the time that an output is away from its reference: try a "
+        "smaller step or load, or a larger range, before another controller"
+    )
+
+
 def counted(count: int, noun: str) -> str:
     """Return a number of things in words, such as "1 answer" and "2 answers"."""
     return f"{count} {noun}{'' if count == 1 else 's'}"

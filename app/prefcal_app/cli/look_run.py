@@ -206,7 +206,7 @@ def _range(text: str) -> tuple[str, float | list[float]]:
 def show(said: Verified, console: Console) -> None:
     """Print a verification in a terminal."""
     more = [each for each in (said.statement, said.limits_kept) if each not in said.verdict]
-    say(console, "Does it hold?", *(f"  {each}" for each in (said.verdict, *more)))
+    say(console, "Does it hold?", *(f"  {each}" for each in (said.verdict, *more)), *said.lines)
     for line in said.advice:
         say(console, f"  {_sentence(line)}")
     if said.varied:

@@ -156,8 +156,8 @@ LOOP = "open_loop.png"
 """Name of the picture from which margins are read."""
 _LOOP_ALT = "Nyquist diagram of the open loop, before and after, with the margins that it shows"
 
-Answers = list[tuple[str, str | tuple[str, ...]]]
-"""Questions, in a few words, each with its answer: a text, or a list, which is set small."""
+Answers = list[tuple[str, str | tuple[str, ...] | dict[str, str]]]
+"""Questions, in a few words, each with its answer: a text, a list, which is set small, or lines to copy."""
 
 
 def answers(record: StudyRecord) -> Answers:
@@ -210,10 +210,13 @@ def unverified(record: StudyRecord, why: str = "") -> Answers:
     return [("Other plants", f"{_RUN} {why}." if why else _RUN), ("Margins", _margins(*said))]
 
 
-def _verdicts(verified: Verified) -> dict[str, str]:
+def _verdicts(verified: Verified) -> dict[str, str | dict[str, str]]:
     """Return what the verdict rests on, what to do next, the worst run, and what hurts most."""
     margins = _margins(verified.margins, verified.basis)
-    found = {"Other plants": f"{verified.statement} {verified.limits_kept}", "Margins": margins}
+    found: dict[str, str | dict[str, str]] = {"Other plants": f"{verified.statement} {verified.limits_kept}"}
+    if verified.lines:
+        found["Lines for that"] = {"lines": "\n".join(verified.lines)}
+    found["Margins"] = margins
     if verified.advice:
         found["What next"] = _sentences(verified.advice)
     for worst in verified.worst[:1]:
@@ -241,6 +244,8 @@ def verdict_of(record: StudyRecord, verified: Verified | str | None = None) -> s
     missed = [kpi for kpi in record.kpis if kpi.met_by(record.result.experiment) is False]
     runs, margins = (", ".join(k.title for k in missed if k.margin == each) for each in (False, True))
     lost = f"Does not hold: {runs}, required of the experiment itself, not kept. " if runs else ""
+    if (end := record.result.experiment.end) in (End.UNSAFE, End.FAILED):
+        lost = f"Does not hold: the experiment itself ended early: {end.value}. "
     lost += f"Margins not kept: {margins}. " if margins else ""
     return f"{lost}Not verified on other plants than the modeled one: run prefcal verify best.json."
 
@@ -390,13 +395,13 @@ def _keep(found: Verification, tuning: BestTuning, best: Path, timeout: float | 
     version, robust = versions()["prefcal"], tuning.robust
     said = Verified.of(found, tuning.scenario, tuning.baseline, version, tuning.digest, robust=robust)
     limits = {kpi.name: float(f"{limit:.4g}") for kpi, limit, _ in found.usual}
-    how = limits_in(tuning.source, found.kpis, limits) if limits else ""
+    how, lines = limits_in(tuning.source, found.kpis, limits) if limits else ("", ())
     if tuning.changed:
         said = replace(
             said, headline=f"Of the plant as its files are now, not as in the study. {said.headline}"
         )
     judged, stated = _judged(said.worst, best.parent), f"{said.limits_kept} {how}".strip()
-    said = replace(said, worst=judged, limits_kept=stated, at=at)
+    said = replace(said, worst=judged, limits_kept=stated, lines=lines, at=at)
     said.write(best.parent)
     _keep_loop(best.parent, tuning.scenario, [each.margins for each in (found.tuning, found.before) if each])
     for stale in best.parent.glob("worst_run_*.png"):

@@ -24,6 +24,7 @@ from prefcal_app.simulating import (
     told,
 )
 from prefcal_app.summary import (
+    NONE_SAFE,
     Consistency,
     Counts,
     Outlook,
@@ -37,7 +38,7 @@ from prefcal_app.summary import (
 )
 from prefcal_env.compiling import Compiling, compile_missing
 from prefcal_env.errors import LiveError, SettingsError, StudyError
-from prefcal_env.experiments.experiment import End, Experiment
+from prefcal_env.experiments.experiment import End, Experiment, limiting_input
 from prefcal_env.preferences.answer import Comparison as Compared
 from prefcal_env.preferences.history import Comparison
 from prefcal_env.study import StudyFile
@@ -59,6 +60,7 @@ from .study import (
     is_robust,
     is_simulating,
     known_outcomes,
+    why_over,
 )
 
 # --- Say what is known of a study: its experiments and answers, what was learned, whether to continue.
@@ -143,6 +145,8 @@ class Known:
     def outlook(self) -> Outlook | None:
         """Return whether to continue, and the knobs at the end of their range; None if unknown."""
         best, promise = self._best(), self._promise
+        if best is not None and self.none_safe:
+            return Outlook(NONE_SAFE)
         if promise is None or best is None:
             return None
         driver = self._driver
@@ -151,10 +155,24 @@ class Known:
         missed, helps = self.missed, self._helps
         others = (k for k in self._scenario().shown_kpis if k.goal is not None and k.title not in missed)
         never = [k.title for k in others if np.isinf(best.kpis.get(k.name, 0.0))]
-        found = outlook(promise, best.theta, space, place, state, missed=missed, never=never, helps=helps)
+        # What the best misses as it runs; a margin is no matter of the range of an input.
+        lacks = any(k.met_by(best) is False for k in self._scenario().shown_kpis if not k.margin)
+        found = outlook(
+            promise,
+            best.theta,
+            space,
+            place,
+            state,
+            missed=missed,
+            never=never,
+            limiting=limiting_input(best) if lacks else "",
+            helps=helps,
+        )
         said = self.findings
         if said is not None and state.ended:
-            result = told(said, self._scenario(), self._experiment)
+            nominal = self.nominal(state.history.incumbent)
+            scenario, run = self._scenario(), self._experiment
+            result = told(said, scenario, run, index=self.index, nominal=nominal)
             found = replace(found, result=result, enough=enough(said))
         if not by_value:
             found = replace(found, unbeaten=others_unbeaten(state.history, robust=is_robust(state)))
@@ -179,6 +197,24 @@ class Known:
     def _experiment(self, index: int) -> Experiment:
         with self._driver.changed:
             return self._driver.store.experiment(index)
+
+    def nominal(self, index: int | None) -> Experiment | None:
+        """Return an experiment by its index; None without one, and if not its own plant is perturbed."""
+        own = self._scenario().simulated and self._driver.thoughts.twin is None
+        return self._experiment(index) if own and index is not None else None
+
+    @property
+    def none_safe(self) -> bool:
+        """Return whether experiments ended, and each of them unsafe or without a result."""
+        with self._driver.changed:
+            ends = [self._driver.store.end(index) for index in list_shown(self._driver.state)]
+        return bool(ends) and all(end in (End.UNSAFE, End.FAILED) for end in ends)
+
+    @property
+    def why_over(self) -> str:
+        """Return why the study is over, in words; "" while it is not."""
+        found = None if self.none_safe else self.findings
+        return why_over(self._driver.state.ended or "", found)
 
     @property
     def missed(self) -> list[str]:

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from math import isinf
 
+from prefcal_agents.learned_cost import LearnedCost
 from prefcal_agents.result import Influence, SmallerChange
 from prefcal_agents.screening.agent import MOST, Certificate
 from prefcal_agents.screening.bank import ENOUGH
@@ -67,6 +68,7 @@ def why(
     requested: bool = False,
     learned: bool = True,
     missed: Sequence[str] = (),
+    shown: Experiment | None = None,
 ) -> str:
     """Return why an experiment is compared with the best so far, as one sentence.
 
@@ -77,6 +79,7 @@ def why(
         requested: Whether the person asked for it.
         learned: Whether there is an answer that a chance follows from.
         missed: Titles of the KPIs whose objectives the new experiment misses and the best meets.
+        shown: The experiment, if it ran on the plant that perturbed runs vary.
     """
     differs = _differs(reason, _namer(scenario))
     chance = f" (chance that you prefer it: {percent(reason.chance)})" if learned else ""
@@ -88,7 +91,7 @@ def why(
         told = f"Nothing learned yet: {side.lower()} {differs}."
     which = "objectives" if len(missed) > 1 else "objective"
     told = f"{told} It misses the {which} for {_listed(missed)}." if missed else told
-    return told if reason.kept is None else f"{told} {_held(reason.kept, 'It', scenario)}"
+    return told if reason.kept is None else f"{told} {_held(reason.kept, 'It', scenario, shown)}"
 
 
 def _differs(reason: Reason, named: Callable[[str, bool], str]) -> str:
@@ -172,19 +175,30 @@ def kept(smaller: SmallerChange | None, scenario: Scenario) -> str:
     )
 
 
-def _held(kept: int, which: str, scenario: Scenario) -> str:
-    """Return in one sentence how many perturbed runs keep the limits before one does not.
+def _held(kept: int, which: str, scenario: Scenario, nominal: Experiment | None) -> str:
+    """Return how many perturbed runs keep the limits that the nominal one meets before one does not.
 
-    Where none is stated, it says what was asked instead, as `prefcal verify` does.
+    Where there is none, it says what was asked instead, as `prefcal verify` does. If the nominal run is
+    not known, it names no limit.
     """
     limited = breakable(scenario.kpis)
-    if kept >= ENOUGH and limited:
-        return f"{which} keeps the limits that it meets nominally, if any, in all {ENOUGH} perturbed runs."
-    if kept >= ENOUGH:
-        reach = "end safely and reach what the nominal run reaches (no limit is stated)"
-        return f"{which} holds: all {ENOUGH} perturbed runs {reach}."
-    lost = "keep the limits" if limited else "end safely, or does not reach what the nominal run reaches"
-    return f"{which} does not hold: perturbed run {kept + 1} of {ENOUGH} does not {lost}."
+    met, missed = (
+        [k.title for k in limited if nominal is not None and k.met_by(nominal) is one]
+        for one in (True, False)
+    )
+    left = f" It misses {_listed(missed)} even nominally." if missed else ""
+    if limited and (met or nominal is None):
+        those = f"those that it meets nominally ({_listed(met)})" if met else "those that it meets nominally"
+        if kept >= ENOUGH:
+            return f"{which} keeps, of the stated limits, {those} in all {ENOUGH} perturbed runs.{left}"
+        lost = f"keep, of the stated limits, {those}"
+    else:
+        none = "it meets no stated limit nominally" if limited else "no limit is stated"
+        if kept >= ENOUGH:
+            reach = f"end safely and reach what the nominal run reaches ({none})"
+            return f"{which} holds: all {ENOUGH} perturbed runs {reach}.{left}"
+        lost = f"end safely, or does not reach what the nominal run reaches ({none})"
+    return f"{which} does not hold: perturbed run {kept + 1} of {ENOUGH} does not {lost}.{left}"
 
 
 def _perturbed(scenario: Scenario) -> str:
@@ -199,9 +213,9 @@ def _perturbed(scenario: Scenario) -> str:
     return f"They vary {_listed([*own, 'the seed of the noise'])}{and_more}."
 
 
-def robust(found: RobustResult, scenario: Scenario) -> Iterator[str]:
-    """Yield how the result holds and what that costs, a sentence each."""
-    yield _held(found.kept, "The result", scenario)
+def robust(found: RobustResult, scenario: Scenario, nominal: Experiment | None = None) -> Iterator[str]:
+    """Yield how the result, whose nominal run may be known, holds and what that costs, a sentence each."""
+    yield _held(found.kept, "The result", scenario, nominal)
     if found.kept < ENOUGH:
         return  # nothing was paid
     yield _perturbed(scenario)
@@ -249,33 +263,53 @@ def _dearer(ours: float, theirs: float) -> float:
     return 1.0 if isinf(ours) else (ours - theirs) / max(abs(ours), abs(theirs))
 
 
-def wanted(wishes: Mapping[str, float], scenario: Scenario) -> str:
-    """Return what the answers fit, with its certainty, as one sentence; empty if nothing is sure."""
+def wanted(wishes: Mapping[str, float], scenario: Scenario, index: LearnedCost | None) -> str:
+    """Return what the answers fit, with its certainty, as one sentence; empty if nothing is sure.
+
+    A certainty is that of people who go by KPIs, so it is only said if answers are predicted from them:
+    `index` is the sum of KPIs whose predictions stand beside it, None if there is none.
+    """
+    if wishes and index is None:
+        return "The answers are too few to say which KPIs were wanted better."
+    if wishes and index is not None and not index.explains:
+        return (
+            "Which KPIs were wanted better is not said: too few answers are predicted from them "
+            f"({index.predicted} of {index.answers})."
+        )
     named = _namer(scenario)
     words = _listed([f"{named(name, True)} ({percent(certainty)})" for name, certainty in wishes.items()])
     return f"The answers fit these wishes: {words}." if words else ""
 
 
-def robust_study(found: Findings | None, scenario: Scenario) -> tuple[str, ...]:
+def robust_study(
+    found: Findings | None, scenario: Scenario, nominal: Experiment | None = None
+) -> tuple[str, ...]:
     """Return how the best of a robust study holds, a sentence each, also if that was left before its end."""
     if found is not None and found.over and found.robustness is not None:
-        return tuple(robust(found.robustness, scenario))
+        return tuple(robust(found.robustness, scenario, nominal))
     if found is None or found.kept is None:
         return (f"How many of {ENOUGH} perturbed runs the result keeps was not worked out.",)
-    return _held(found.kept, "The result", scenario), _perturbed(scenario)
+    return _held(found.kept, "The result", scenario, nominal), _perturbed(scenario)
 
 
-def told(found: Findings, scenario: Scenario, run: Callable[[int], Experiment]) -> tuple[str, ...]:
+def told(
+    found: Findings,
+    scenario: Scenario,
+    run: Callable[[int], Experiment],
+    *,
+    index: LearnedCost | None,
+    nominal: Experiment | None,
+) -> tuple[str, ...]:
     """Return how the result holds, what was wanted, what it rests on, and what need not change.
 
-    Empty while not known. `run` returns an experiment by its index.
+    Empty while not known. `run` returns an experiment by its index; for the others see `wanted` and `robust`.
     """
     if not found.concluded:
         return ()
-    said = () if found.robustness is None else tuple(robust(found.robustness, scenario))
+    said = () if found.robustness is None else tuple(robust(found.robustness, scenario, nominal))
     if found.explained:
         said += (
-            wanted(dict(found.wishes), scenario),
+            wanted(dict(found.wishes), scenario, index),
             carried_by(found.decisive),
             rival(found, scenario, run),
             kept(found.smaller, scenario),

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from rich.console import Console
 
 from prefcal_app.session import Choice, Interview, Now, Phase, actions
-from prefcal_app.session.study import ENOUGH, GOOD_ENOUGH, UNSAFE, PlantNow, Recovery, TrialNow, why_over
+from prefcal_app.session.study import ENOUGH, GOOD_ENOUGH, UNSAFE, PlantNow, Recovery, TrialNow
 from prefcal_app.summary import kept_on_plant, kept_text
 from prefcal_app.view import Seen, brief_view, history_view, now_view, preview_view, status_view, trial_view
 from prefcal_env.errors import PrefcalError, StaleError
@@ -86,9 +86,7 @@ class _Conversation:
             elif not self._one(now):
                 return
         more = f" (--n-max {now.state.n_max + 1} goes on)" if now.state.ended == ENOUGH else ""
-        self._say(
-            f"The study is finished: {why_over(now.state.ended or '', self.interview.known.findings)}{more}."
-        )
+        self._say(f"The study is finished: {self.interview.known.why_over}{more}.")
         try:
             self._try_on_plant(trial_view(self.interview, now))
         except PrefcalError as error:

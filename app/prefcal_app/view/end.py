@@ -15,7 +15,7 @@ from prefcal_agents.people import Bank
 from prefcal_agents.result import find_unbeaten, rows_between
 from prefcal_agents.screening.findings import Findings, Reason
 from prefcal_app.session import Interview, Now, Outlook, Question, Side
-from prefcal_app.session.study import is_robust, tried_on_plant, why_over
+from prefcal_app.session.study import is_robust, tried_on_plant
 from prefcal_app.simulating import (
     Screened,
     as_shown,
@@ -30,6 +30,7 @@ from prefcal_app.simulating import (
     why,
 )
 from prefcal_app.summary import (
+    NONE_SAFE,
     Spread,
     after_a_slip,
     compare,
@@ -74,6 +75,7 @@ def screening_view(interview: Interview, now: Now, sentence: str, *, blind: bool
         return None
     found, missed = interview.known.findings, interview.known.missed
     asks = now.question is not None and now.question.repeats is None and not missed
+    asks = asks and not interview.known.none_safe
     # That the answer hardly changes the result; empty if it may, or while not known.
     stakes = found.stakes if found is not None and found.explained else None
     told = (sentence, "" if stakes is None else at_stake(stakes))
@@ -140,7 +142,8 @@ def why_view(interview: Interview, now: Now) -> tuple[str, Sequence[str]]:
     scenario, history = interview.scenario, now.state.history
     reason, missed = _shown_reason(found.reason, question, scenario)
     learned = found.chance_of_better is not None
-    told = why(reason, scenario, side=side, requested=requested, learned=learned, missed=missed)
+    shown = interview.known.nominal(new.index)
+    told = why(reason, scenario, side=side, requested=requested, learned=learned, missed=missed, shown=shown)
     if history.incumbent != history.by_answers:
         told = f"{told} {after_a_slip(history, robust=is_robust(now.state))}"
     return told, list(dict.fromkeys([*named_titles(reason, scenario), *missed]))
@@ -305,7 +308,7 @@ def over_view(
     outlook = interview.known.outlook
     return {
         "reason": now.state.ended,
-        "words": why_over(now.state.ended or "", interview.known.findings),
+        "words": interview.known.why_over,
         "best": best,
         "gain": None if now.incumbent is None else _gain(interview, now.incumbent, now, seen),
         "missed": "" if outlook is None else outlook.missed,
@@ -325,12 +328,14 @@ def reasons(interview: Interview) -> list[str]:
     """Return why this experiment is the result, in a few sentences; none if there is none."""
     if interview.now().incumbent is None:
         return []
+    if interview.known.none_safe:
+        return [NONE_SAFE]
     outlook, found = interview.known.outlook, interview.known.findings
     said = [] if outlook is None else [outlook.unbeaten]
     if found is not None and found.concluded and found.explained:
         scenario, run = interview.scenario, interview.past.experiment
         said += [
-            wanted(dict(found.wishes), scenario),
+            wanted(dict(found.wishes), scenario, interview.known.index),
             carried_by(found.decisive),
             rival(found, scenario, run),
         ]
@@ -342,7 +347,8 @@ def held(interview: Interview) -> list[str]:
     """Return how the result of a robust study holds, a sentence each; empty for other studies."""
     found = interview.known.findings
     known = None if found is None or not found.concluded else found.robustness
-    return [] if known is None else list(robust(known, interview.scenario))
+    nominal = interview.known.nominal(interview.now().incumbent)
+    return [] if known is None else list(robust(known, interview.scenario, nominal))
 
 
 def _gain(interview: Interview, best: int, now: Now, seen: Seen) -> dict[str, Any]:

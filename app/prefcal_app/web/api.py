@@ -355,6 +355,7 @@ def _view(said: "verification.result.Verified", folder: Path) -> dict[str, Any]:
         "verdict": said.verdict,
         "statement": said.statement,
         "limits": said.limits_kept,
+        "lines": "\n".join(said.lines),
         "margins": said.margins_kept,
         "advice": list(said.advice),
         "basis": said.basis,

@@ -264,27 +264,36 @@ def words_of(source: str) -> list[str]:
     return words
 
 
-def limits_in(source: str, kpis: Sequence[KPI], limits: Mapping[str, float]) -> str:
-    """Return how to state largest values of KPIs, by name, in a sentence; "" if a scenario is built in.
+def limits_in(source: str, kpis: Sequence[KPI], limits: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
+    """Return where to state largest values of KPIs, by name, and the lines; empty if a scenario is built in.
 
     All KPIs are named: those that a file does not name are not computed.
     """
     name, config = split_source(source)
     if is_built_in(source):
-        return ""
+        return "", ()
     if not is_described(source):
         made = (replace(k, at_most=limits[k.name]) for k in kpis if k.name in limits)
-        lines = (f"KPI({k.name!r}, {k.title!r}, {k.unit!r}, at_most={k.at_most!r})" for k in made)
-        return f"For that, its file states {' and '.join(lines)}."
+        own = tuple(f"KPI({k.name!r}, {k.title!r}, {k.unit!r}, at_most={k.at_most!r})," for k in made)
+        return "For that, its file states these KPIs.", own
     table = {k.name: {"at_most": limits[k.name]} if k.name in limits else {} for k in kpis}
     if name.endswith(".toml"):
-        own = _stated_kpis(name)
-        table = {key: {**own.get(key, {}), **value} for key, value in table.items()}
-        return f"For that, above the first table of {name}, in place of [kpis]: kpis = {_as_toml(table)}"
+        known = _stated_kpis(name)
+        table = {key: {**known.get(key, {}), **value} for key, value in table.items()}
+        return f"For that, these lines go to the end of {name}, in place of [kpis].", _lines({"kpis": table})
     key = next((world.key for world in WORLDS if world.ending == Path(name).suffix != ""), "controller")
-    keys = {key: name, **(config or {}), "kpis": table}
-    lines = (f"{key} = {_as_toml(value)}" for key, value in keys.items())
-    return f"For that, calibrate a TOML file of these lines: {'; '.join(lines)}"
+    return "For that, calibrate a TOML file of these lines.", _lines(
+        {key: name, **(config or {}), "kpis": table}
+    )
+
+
+def _lines(content: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the lines of a TOML file: first the values, then the tables."""
+    tables = {key: value for key, value in content.items() if isinstance(value, Mapping)}
+    lines = [f"{key} = {_as_toml(value)}" for key, value in content.items() if key not in tables]
+    for key, table in tables.items():
+        lines += [f"[{key}]", *(f"{_as_toml(name)} = {_as_toml(value)}" for name, value in table.items())]
+    return tuple(lines)
 
 
 def _stated_kpis(name: str) -> dict[str, dict[str, Any]]:

@@ -14,7 +14,7 @@ from scipy.special import betaincinv
 from prefcal_env.controllers.margins import UNCONSTRAINED, UNSTABLE, Margins, margins, margins_at_target
 from prefcal_env.disk import digest_of, write_durably
 from prefcal_env.envs.task import Task
-from prefcal_env.envs.varied_loop import STEPPED
+from prefcal_env.envs.varied_loop import DIRECTION, LOAD, STEP, STEPPED, TURN
 from prefcal_env.envs.varied_plant import at_target
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import End
@@ -31,6 +31,7 @@ from prefcal_scenarios.wording import (
     number,
     objective,
     quantity,
+    range_ends,
     read_text,
     typed_theta,
     value_text,
@@ -40,6 +41,10 @@ from prefcal_scenarios.wording import (
 # --- What came of a verification, as frozen data, and what follows from it.
 
 CONFIDENCE = 0.95
+RANGE_0 = "its range is 0"
+"""Why something does not vary that somebody left out."""
+_TASK = {**dict.fromkeys(STEPPED, "target"), LOAD: "load", TURN: "load"}
+"""What is stated of a task, by the name of the factor that varies it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +56,7 @@ class VerifiedRun:
     end: End  # why it ended
     kpis: Mapping[str, float]  # KPIs by name, in their units
     problems: tuple[str, ...] = ()  # which stated limits it did not keep; empty if it kept all
+    limiting: str = ""  # name of the input whose range limits it, as `limiting_input` returns it
 
     @property
     def words(self) -> str:
@@ -155,6 +161,8 @@ class Verification:
         alone: Runs of the tuning with the lowest and the highest value of each factor, in pairs.
         others: How other tunings fare; None if they were not tried: all runs are good, some are missing, or
             a run is no simulation.
+        as_stated: Random runs again with the task as stated: those that failed and, if all of these hold
+            there, all. Empty if no run failed, or nothing of the task varied that nobody stated.
     """
 
     scenario: str
@@ -166,6 +174,7 @@ class Verification:
     before: Robustness | None
     alone: tuple[VerifiedRun, ...]
     others: Others | None = None
+    as_stated: tuple[VerifiedRun, ...] = ()
 
     @property
     def runs(self) -> tuple[VerifiedRun, ...]:
@@ -199,14 +208,44 @@ class Verification:
         return "end safely" + (" and reach what the nominal run reaches" if finite else "")
 
     @property
+    def unstated(self) -> tuple[Factor, ...]:
+        """Return what of the task varied in a range that nobody stated."""
+        return tuple(f for f in self.factors if f.kind == "task" and not f.stated)
+
+    @property
+    def holds_as_stated(self) -> bool:
+        """Return whether runs fail only at targets, loads or starts that nobody stated."""
+        good = not any(run.problems for run in (self.tuning.nominal, *self.as_stated))
+        complete = 0 < len(self.as_stated) == len(self.runs)
+        return complete and good and self.tuning.margins != UNSTABLE
+
+    @property
+    def stated(self) -> str:
+        """Return what of the task is stated, though it varied, in words."""
+        words = (_TASK.get(f.name, f.name) for f in self.unstated)
+        return f"the stated {' and '.join(dict.fromkeys(words))}"
+
+    @property
+    def _where(self) -> str:
+        """Return how many runs hold with the task as stated, and what was left out of what varies."""
+        count, said = len(self.as_stated), ""
+        if count:
+            of = f"the same {count}" if count == len(self.runs) else f"the {count} that fail"
+            said = f"; at {self.stated}, {sum(not run.problems for run in self.as_stated)} of {of} do"
+        kept = [name for name, why in self.left_out if why == RANGE_0 or name in (STEP, DIRECTION, TURN)]
+        return f"{said}; not varied: {', '.join(kept)}" if kept else said
+
+    @property
     def headline(self) -> str:
         """Return whether it holds: what is stated decides; if nothing is, usual limits are counted."""
         own, count, loop = self.tuning.nominal, len(self.runs), self.tuning.margins
         unsafe = sum(run.end is End.UNSAFE for run in self.runs)
         ended = f"; {unsafe} end unsafe" if unsafe else ""
-        held = f"{count - len(self.failed)} of {count} runs {self.asked}{ended}." if count else ""
+        held = (
+            f"{count - len(self.failed)} of {count} runs {self.asked}{ended}{self._where}." if count else ""
+        )
         if self.failed:
-            said = f"Does not hold: {held}"
+            said = f"Does not hold{f' beyond {self.stated}' if self.holds_as_stated else ''}: {held}"
         elif own.problems or loop == UNSTABLE:  # nominally, which no count of varied runs says
             said = f"Does not hold: {own.words if own.problems else 'the nominal loop is not stable'}."
         elif not count:
@@ -310,6 +349,15 @@ class Verification:
         values = self.tuning.nominal.kpis
         stated = [kpi for kpi in self.kpis if kpi.margin and kpi.met(0.0) is not None and kpi.name in values]
         return "; ".join(_kept_margin(kpi, kpi.read(values[kpi.name])) for kpi in stated)
+
+    @property
+    def limiting(self) -> str:
+        """Return in how many of the runs that fail the range of an input ends, if in most; else ""."""
+        limited = [run.limiting for run in self.failed if run.limiting]
+        if 2 * len(limited) <= len(self.failed) or self.tuning.margins == UNSTABLE:
+            return ""
+        which = " or ".join(dict.fromkeys(limited))
+        return f"in {len(limited)} of the {len(self.failed)} runs that fail, {range_ends(which)}"
 
     @property
     def advice(self) -> tuple[str, ...]:
@@ -514,6 +562,8 @@ class WorstRun:
 
         values = {f.name: run.values[f.name] for f in sorted(factors, key=moved, reverse=True)}
         words = run.words if run.problems else f"most different from nominal, but {run.words}"
+        if run.problems and run.limiting:
+            words += f", {run.limiting} at its limit"
         return cls(words, values, run.seed, units={f.name: f.unit for f in factors if f.unit})
 
     @property
@@ -553,6 +603,7 @@ class Verified:
     scenario: str  # name of the scenario
     version: str  # version of prefcal
     best: str  # SHA-256 of the best.json, in hexadecimal digits
+    lines: tuple[str, ...] = ()  # lines of a file that state the usual limits, if none is stated
     at: str = field(default="", compare=False)  # date, in ISO 8601; "" if nobody said
 
     @classmethod
@@ -653,6 +704,7 @@ def _compare_counts(new: Sequence[VerifiedRun], old: Sequence[VerifiedRun], base
     return f" Before ({baseline}): {held} of {len(old)} of the same plants{fewer}."
 
 
+_SMALLER = "ask for a smaller step or a larger range of the actuator"
 _ENOUGH = 10  # tunings that hold nominally, of which none that holds on other plants says something of all
 
 
@@ -660,9 +712,9 @@ def _next(found: Verification, scenario: Scenario, robust: bool) -> tuple[str, .
     """Return what to do next if some run fails, a text each."""
     if not found.failed:
         return ()
-    tried, change = found.others, "change the controller or relax the limit"
-    if not breakable(found.kpis):
-        change = "change the controller"
+    tried, change = found.others, _SMALLER if found.limiting else "change the controller"
+    if breakable(found.kpis):
+        change = f"{change} or relax the limit"
     drawn = "" if tried is None else f"{tried.nominal or 'none'} of {tried.count} tunings drawn at random"
     known = tried is not None and tried.nominal >= _ENOUGH  # of fewer, chance would say it
     stuck = [e for e in found.breaking if known and tried and not tried.alone.get(e.factor.name)]
@@ -692,7 +744,13 @@ def _next(found: Verification, scenario: Scenario, robust: bool) -> tuple[str, .
             f"look for one that holds on other plants{hold}: repeat the command of the study with {start}; "
             "with --taste and the name of a saved study, your answers count there"
         )
-    return (*((first,) if scenario.simulated else ()), *found.advice)
+    alone = f"if nothing but {found.stated} counts, verify that alone, with --range task=0"
+    every = (
+        (found.limiting, bool(found.limiting)),
+        (alone, found.holds_as_stated),
+        (first, scenario.simulated),
+    )
+    return (*(words for words, said in every if said), *found.advice)
 
 
 def _kpi_row(kpi: KPI, tunings: list[Robustness]) -> tuple[str, ...]:

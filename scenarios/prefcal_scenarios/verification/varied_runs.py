@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from prefcal_env.arrays import integer
 from prefcal_env.errors import KnobError, ScenarioError, SettingsError
-from prefcal_env.experiments.experiment import Experiment, check_returned
+from prefcal_env.experiments.experiment import Experiment, check_returned, limiting_input
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preferences.answer import Outcome, Reading
 from prefcal_env.sources.source import RIG, Source, Varied
@@ -22,7 +22,7 @@ from prefcal_scenarios.isolated import DEFAULT_LIMIT
 from prefcal_scenarios.runs import FailedRun, HasKPIs, Progress, simulate_iter, simulate_many
 from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
 
-from .result import UNKNOWN, Others, Robustness, Verification, VerifiedRun, margins_at, problems_of
+from .result import RANGE_0, UNKNOWN, Others, Robustness, Verification, VerifiedRun, margins_at, problems_of
 
 # --- The perturbed runs of a candidate in a robust study: which there are, and how many keep the limits.
 
@@ -176,7 +176,8 @@ def verify(
     if jobs is None and timeout is None and _seconds(found, thetas[0], clock) * len(cases) <= _QUICK:
         jobs = 1
     limit = timeout if timeout is not None or jobs == 1 else DEFAULT_LIMIT  # a varied plant may never end
-    done = _done(Variations(known.at, thetas, cases), jobs, limit, progress, clock)
+    many = partial(_done, jobs=jobs, timeout=limit, progress=progress, clock=clock)
+    done = many(Variations(known.at, thetas, cases, noted=True))
     made = [_run(found, tunings[c.which].nominal, c, each) for c, each in zip(cases, done, strict=False)]
     parts = made[:runs], made[runs + 2 * len(factors) :]
     tuning, *before = (replace(t, runs=tuple(p)) for t, p in zip(tunings, parts, strict=False))
@@ -184,11 +185,32 @@ def verify(
     kept = before[0] if before and before[0].runs else None
     alone = tuple(made[runs : runs + 2 * len(factors)])
     verified = Verification(found.name, found.kpis, factors, left_out, runs, tuning, kept, alone)
-    if not (verified.failed and found.simulated and len(made) == len(cases)):
+    if not (verified.failed and len(made) == len(cases)):
+        return verified
+    verified = replace(verified, as_stated=tuple(_as_stated(found, known, verified, many)))
+    if not found.simulated:
         return verified
     thetas, rivals = _rivals(verified, found, noise)
-    done = _done(Variations(known.at, thetas, rivals), jobs, limit, progress, clock)
+    done = many(Variations(known.at, thetas, rivals))
     return replace(verified, others=_count_rivals(found, verified, rivals, done))
+
+
+def _as_stated(
+    scenario: Scenario, known: Varied, verified: Verification, many: "Callable[[Variations], list[HasKPIs]]"
+) -> Iterator[VerifiedRun]:
+    """Yield the random runs that failed with the task as stated, and if all of these hold, the others.
+
+    Plants, noise and all else are the same ones: so who fails there fails at what nobody stated.
+    """
+    own, names = verified.tuning, {f.name for f in verified.unstated}
+    for runs in (verified.failed, [run for run in verified.runs if not run.problems]) if names else ():
+        values = [{name: v for name, v in run.values.items() if name not in names} for run in runs]
+        cases = [_Case(0, v, run.seed) for v, run in zip(values, runs, strict=True)]
+        done = many(Variations(known.at, [own.theta], cases, noted=True))
+        made = [_run(scenario, own.nominal, c, each) for c, each in zip(cases, done, strict=False)]
+        yield from made if len(made) == len(cases) else ()  # Ctrl-C: of some, nothing follows
+        if len(made) < len(cases) or any(run.problems for run in made):
+            return
 
 
 def _within(known: tuple[Factor, ...], ranges: Ranges) -> tuple[tuple[Factor, ...], list[LeftOut]]:
@@ -201,7 +223,7 @@ def _within(known: tuple[Factor, ...], ranges: Ranges) -> tuple[tuple[Factor, ..
     if not factors:
         raise SettingsError("nothing varies: all ranges are 0")
     names = {factor.name for factor in factors}
-    return factors, [(f.name, "its range is 0") for f in known if f.name not in names]
+    return factors, [(f.name, RANGE_0) for f in known if f.name not in names]
 
 
 def unvaried(scenario: Scenario, theta: Float[np.ndarray, " n"], made: HasKPIs) -> Verification:
@@ -240,21 +262,32 @@ class _Case:
     seed: int
 
 
+_LIMITED = "limited by: "
+"""Begin of the KPI that tells, by its name, which input limits a run."""
+
+
 class Variations(Source):
-    """A source whose θ is the number of a case: so the pool runs them as it runs any θ."""
+    """A source whose θ is the number of a case: so the pool runs them as it runs any θ.
+
+    If `noted`, one more KPI says which input limits the run; `_run` takes it out.
+    """
 
     def __init__(
         self,
         at: Callable[[Values], Source],
         thetas: Sequence[Float[np.ndarray, " n"]],
         cases: Sequence[_Case],
+        *,
+        noted: bool = False,
     ) -> None:
-        self._at, self._thetas, self.cases = at, thetas, cases
+        self._at, self._thetas, self.cases, self._noted = at, thetas, cases, noted
 
     def run(self, theta: Float[np.ndarray, " 1"], seed: int = 0) -> Experiment:
         """Run the case with this number, shape (1,)."""
         case = self.cases[int(theta[0])]
-        return check_returned(self._at(case.values).run(self._thetas[case.which].copy(), seed=case.seed))
+        made = check_returned(self._at(case.values).run(self._thetas[case.which].copy(), seed=case.seed))
+        # Of many runs, only KPIs come back from other processes.
+        return made.with_kpis({**made.kpis, _LIMITED + limiting_input(made): 1.0}) if self._noted else made
 
 
 def _scenario(given: Any, theta: Float[np.ndarray, " n"]) -> Scenario:
@@ -311,7 +344,8 @@ def _nominally(
 ) -> Iterator[Robustness]:
     """Yield how tunings do without variation, with their margins."""
     for theta, made in zip(thetas, _experiments(_as_it_is(scenario, thetas, seed), timeout), strict=True):
-        run = VerifiedRun({}, seed, made.end, made.kpis, problems_of(scenario.kpis, made, None))
+        problems = problems_of(scenario.kpis, made, None)
+        run = VerifiedRun({}, seed, made.end, made.kpis, problems, limiting_input(made))
         yield Robustness(theta, run, margins_at(known, theta), time_unit=made.channels.time_unit)
 
 
@@ -391,7 +425,9 @@ def _run(scenario: Scenario, nominal: VerifiedRun, case: _Case, result: HasKPIs)
     problems = problems_of(scenario.kpis, result, nominal)
     if isinstance(result, FailedRun):
         problems = (f"the run failed: {result.words}",)
-    return VerifiedRun(case.values, case.seed, result.end, result.kpis, problems)
+    kpis = {name: value for name, value in result.kpis.items() if not name.startswith(_LIMITED)}
+    limiting = "".join(name.removeprefix(_LIMITED) for name in result.kpis if name not in kpis)
+    return VerifiedRun(case.values, case.seed, result.end, kpis, problems, limiting)
 
 
 def _rivals(verified: Verification, found: Scenario, seed: int) -> tuple[list[Theta], tuple[_Case, ...]]:

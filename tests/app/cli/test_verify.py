@@ -5,6 +5,7 @@ import json
 import pytest
 
 from prefcal_app.cli import look_run
+from prefcal_scenarios import load
 from prefcal_scenarios.verification.result import Verified
 
 LAG = {"K": 2.0, "T_i": 20.0, "T_d": 3.0, "T_f": 3.0, "b": 0.5, "T_t": 20.0}
@@ -71,6 +72,12 @@ def test_a_plant_that_changed_since_the_study_is_named_first(prefcal, tmp_path):
     assert done == 0, err
     words = ("verify", "o/best.json", "--runs", "3", "--jobs", "1")
     _, same, _ = prefcal(*words)
+    lines = Verified.read(tmp_path / "o").lines  # as printed, one below the other, they are a scenario
+    assert "\n".join(lines) in same
+    (tmp_path / "limited.toml").write_text("\n".join(lines))
+    limits = {kpi.name: kpi.at_most for kpi in load(str(tmp_path / "limited.toml")).kpis}
+    assert limits["overshoot"] == 10.0
+    assert limits["settling_time"] < 1000
     (tmp_path / "own.py").write_text(code.format(1.3))
     _, other, _ = prefcal(*words)
     first = "Of the plant as its files are now, not as in the study."

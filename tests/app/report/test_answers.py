@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from html import unescape
 from types import SimpleNamespace
 
 import numpy as np
@@ -22,6 +23,7 @@ from prefcal_app.report.write import (
 )
 from prefcal_app.summary import Outlook
 from prefcal_env.disk import digest_of
+from prefcal_env.experiments.experiment import End
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.scenario import KPI
 from prefcal_scenarios.verification.result import BEST
@@ -260,3 +262,26 @@ def test_what_only_the_pid_before_had_is_not_said_of_the_tuned_one():
     said = dict(answers(replace(record, scenario=replace(record.scenario, settings=settings))))["The PID"]
     assert "Not tuned: K_p 2, " in said
     assert "T_t (" not in said
+
+
+def test_lines_that_are_offered_can_be_copied_from_sheet_and_report():
+    lines = ('controller = "pid"', "[kpis]", '"M_s" = {"at_most" = 2.0}')
+    offered = replace(FOUND, lines=lines)
+    assert dict(verified_answers(offered))["Lines for that"] == {"lines": "\n".join(lines)}
+    for text in (sheet(toy_record(), offered), page(toy_record(), [], offered)):
+        (found,) = re.findall("<dd><pre>(.*?)</pre>", text, re.DOTALL)
+        assert unescape(found) == "\n".join(lines)
+    assert "Lines for that" not in dict(verified_answers(FOUND))
+
+
+def test_a_result_whose_own_run_was_unsafe_does_not_hold():
+    record = toy_record()
+    best = record.result.index
+    unsafe = [
+        c._replace(challenger=replace(c.challenger, end=End.UNSAFE))
+        if c.query.challenger.index == best
+        else c
+        for c in record.comparisons
+    ]
+    said = verdict_of(replace(record, comparisons=tuple(unsafe)))
+    assert said.startswith("Does not hold: the experiment itself ended early: unsafe. Not verified on other")

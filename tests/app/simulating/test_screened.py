@@ -13,8 +13,10 @@ from prefcal_app.session import Choice, Phase, actions
 from prefcal_app.session.study import ENOUGH, why_over
 from prefcal_app.simulating import offer, promise, told
 from prefcal_app.simulating.why import percent, robust, robust_study
-from prefcal_app.view.end import smaller_view
+from prefcal_app.summary import NONE_SAFE
+from prefcal_app.view.end import reasons, screening_view, smaller_view
 from prefcal_env.errors import KnobError, ProtocolError, ScenarioError, StaleError
+from prefcal_env.experiments.experiment import End
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.plants.plant import Plant
 from prefcal_env.preferences.answer import Answer, Preference
@@ -247,13 +249,14 @@ def test_what_robustness_costs_is_said_of_a_result_that_holds(kept, costs, words
     with_limits = next(robust(RobustResult(kept, costs), limited))
     if kept == 300:
         assert said[0].startswith("The result holds: all 300 perturbed runs end safely and reach what")
-        assert (
-            with_limits
-            == "The result keeps the limits that it meets nominally, if any, in all 300 perturbed runs."
+        assert with_limits == (
+            "The result keeps, of the stated limits, those that it meets nominally in all 300 perturbed runs."
         )
     else:
         assert said[0].startswith("The result does not hold: perturbed run 13 of 300 does not end safely")
-        assert with_limits.endswith("perturbed run 13 of 300 does not keep the limits.")
+        assert with_limits.endswith(
+            "13 of 300 does not keep, of the stated limits, those that it meets nominally."
+        )
     assert len(said) == (3 if words else 1)
     assert not words or "verify (V) varies sensors, actuators and task, too" in said[1]
     assert said[-1].startswith(words)
@@ -266,15 +269,39 @@ def test_a_robust_study_that_was_left_says_how_its_best_so_far_holds():
     unknown = ("How many of 300 perturbed runs the result keeps was not worked out.",)
     assert robust_study(None, scenario) == robust_study(left, scenario) == unknown
     said = robust_study(replace(left, kept=300), scenario)
-    assert (
-        said[0] == "The result keeps the limits that it meets nominally, if any, in all 300 perturbed runs."
-    )
+    assert said[0].startswith("The result keeps, of the stated limits, those that it meets nominally in all")
     assert len(said) == 2  # and what they vary
-    assert robust_study(replace(left, kept=12), scenario)[0].endswith(
-        "run 13 of 300 does not keep the limits."
-    )
     over = replace(left, over=True, robustness=RobustResult(300))
     assert robust_study(over, scenario) == tuple(robust(RobustResult(300), scenario))
+
+
+def test_which_limits_a_robust_result_meets_nominally_is_said_by_name():
+    kpis = (
+        KPI("t_f", "time t_f", at_most=5.0),
+        KPI("peak", "peak", at_most=1.0),
+        KPI("J", "J", better="lower"),
+    )
+    scenario = Scenario("s", "S", KnobSpace([Knob("K", 0, 1)]), lambda theta, seed=0: None, kpis=kpis)
+    ran = toy.run(WANTED)
+
+    def said(kept, **values):
+        return next(robust(RobustResult(kept), scenario, ran.with_kpis(values)))
+
+    keeps = "The result keeps, of the stated limits, those that it meets nominally"
+    fails = (
+        "The result does not hold: perturbed run 13 of 300 does not keep, of the stated limits, those that it"
+    )
+    ends = "The result holds: all 300 perturbed runs end safely and reach what the nominal run reaches"
+    assert said(300, t_f=4.0, peak=0.5) == f"{keeps} (time t_f and peak) in all 300 perturbed runs."
+    assert said(300, t_f=4.0, peak=2.0) == (
+        f"{keeps} (time t_f) in all 300 perturbed runs. It misses peak even nominally."
+    )
+    assert said(12, t_f=6.0, peak=0.5) == (
+        f"{fails} meets nominally (peak). It misses time t_f even nominally."
+    )
+    assert said(300, t_f=6.0, peak=2.0) == (
+        f"{ends} (it meets no stated limit nominally). It misses time t_f and peak even nominally."
+    )
 
 
 def test_a_robust_result_says_what_was_not_varied_in_the_words_of_a_verification():
@@ -308,7 +335,9 @@ def test_at_the_end_it_says_what_was_wanted_and_what_the_result_rests_on(monkeyp
     assert interview.known.is_told
     unexplained = replace(CERTIFIED, share=None, chance=None)
     found = replace(interview.known.findings, certificate=unexplained)
-    assert told(found, simulated, interview.past.experiment) == (), "whatever is said of KPIs would be wrong"
+    assert told(found, simulated, interview.past.experiment, index=None, nominal=None) == (), (
+        "whatever is said of KPIs would be wrong"
+    )
     interview.do(actions.GoOn(1))
     assert proceed(interview).phase is Phase.QUESTION
     assert interview.known.outlook is None or interview.known.outlook.result == ()
@@ -358,7 +387,8 @@ def test_at_the_end_a_smaller_change_than_from_the_given_start_is_looked_for(cha
     assert found is not None
     assert set(found.theta) <= {*best, *start}
     assert screened.row(np.array(found.theta)) is not None  # the page can show it
-    assert any("can stay as before" in words for words in told(said, simulated, interview.past.experiment))
+    words = told(said, simulated, interview.past.experiment, index=None, nominal=None)
+    assert any("can stay as before" in each for each in words)
     assert tuple(smaller_view(interview, said)) == found.theta
 
 
@@ -423,3 +453,21 @@ def test_a_choice_beside_another_best_or_of_what_was_tried_changes_nothing():
     with pytest.raises(KnobError):
         interview.do(actions.Choose(np.array([9.0, 21.0, 1.0]), best))
     assert (interview.now().version, interview.now().phase) == (version, Phase.OVER)
+
+
+def test_a_study_whose_runs_are_all_unsafe_is_as_good_as_nothing(monkeypatch):
+    # "As good as the best of 40 random experiments" stood at the end of one.
+    let_say(monkeypatch, certificate=replace(CERTIFIED, experiments=(3.4, 123.0, 1000.0)))
+    ended = replace(simulated, run=lambda theta, seed=0: replace(toy.run(theta), end=End.UNSAFE))
+    interview = explained(screening(ended, n_max=3))
+    assert interview.known.outlook.sentences == (NONE_SAFE,)
+    assert screening_view(interview, interview.now(), "", blind=False)["offer"] == ""
+    while interview.now().phase is not Phase.OVER:
+        answered(interview, Choice.LEFT)
+    worked(interview)
+    assert interview.known.none_safe
+    assert interview.known.outlook.lines == (NONE_SAFE,)
+    assert reasons(interview) == [NONE_SAFE]
+    assert interview.known.why_over == "all compared"
+    calm = explained(screening(n_max=3))
+    assert not calm.known.none_safe

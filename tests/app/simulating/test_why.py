@@ -6,8 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from prefcal_agents.learned_cost import LearnedCost
 from prefcal_agents.result import Influence, SmallerChange
 from prefcal_agents.screening.findings import Alternative, Findings, Reason
+from prefcal_app.session.study import trust_text
 from prefcal_app.simulating import as_shown, at_stake, carried_by, menu_names, rival, wanted, why
 from prefcal_app.simulating.why import kept
 from prefcal_scenarios.scenario import KPI
@@ -147,5 +149,13 @@ def test_candidates_are_named_by_what_they_gain_and_at_what_price(menu, names):
 def test_what_was_wanted_is_said_with_its_certainty_and_without_a_limit(wishes, words):
     margin = KPI("margin", "stability margin", "dB", better="higher")
     scenario = SimpleNamespace(kpis=(*toy.kpis, margin))
-    assert wanted(wishes, scenario) == f"The answers fit these wishes: {words}."
-    assert wanted({}, scenario) == ""
+    index = LearnedCost({}, predicted=9, answers=9)
+    assert wanted(wishes, scenario, index) == f"The answers fit these wishes: {words}."
+    assert wanted({}, scenario, index) == wanted({}, scenario, None) == ""
+    # "Above 99 %" from four answers stood beside "3 of 4, which is not clearly better than chance".
+    poor = replace(index, predicted=3, answers=4)
+    assert trust_text(poor).startswith("A weighted sum of the KPIs predicted 3 of 4 answers that it had not")
+    assert wanted(wishes, scenario, poor) == (
+        "Which KPIs were wanted better is not said: too few answers are predicted from them (3 of 4)."
+    )
+    assert wanted(wishes, scenario, None) == ("The answers are too few to say which KPIs were wanted better.")

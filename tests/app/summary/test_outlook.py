@@ -169,3 +169,16 @@ def test_the_command_can_be_carried_out(tmp_path):
     assert space.knobs[0].low == 0.125
     with StudyFile.open(path, clock=clock()) as file:
         assert file.state.configuration["within"]["T_s"] == [0.125, 1.5]
+
+
+def test_where_the_range_of_an_input_ends_no_other_controller_is_advised():
+    given = (PROMISE, np.array(MIDDLE), SPACE, "/tmp/mine.prefcal", STATE)
+    usual, found = (
+        outlook(*given, missed=["peak"], limiting=name, helps=always).missed for name in ("", "heater")
+    )
+    assert usual.endswith("widen the ranges or change the controller.")
+    assert found == (
+        "The best experiment misses the objective for peak: heater is at its limit for most of the time that "
+        "an output is away from its reference: try a smaller step or load, or a larger range, before another "
+        "controller."
+    )

@@ -2,6 +2,7 @@
 
 import io
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -363,5 +364,11 @@ def test_the_result_is_verified_by_a_key_and_a_person_judges_the_worst_runs(brow
     page.wait_for_selector(".worst [aria-pressed=true]")
     assert page.inner_text(".worst [aria-pressed=true]") == "Not acceptable"
     (kept,) = served.study.parent.rglob("verification.json")
-    assert [each.verdict for each in Verified.read(kept.parent).worst] == ["not acceptable", "", ""]
+    said = Verified.read(kept.parent)
+    assert [each.verdict for each in said.worst] == ["not acceptable", "", ""]
+    lines = ("[kpis]", '"M_s" = {"at_most" = 2.0}')  # of a plant of one's own, to copy
+    replace(said, lines=lines).write(kept.parent)
+    page.reload()
+    page.wait_for_selector("#verified pre", state="attached")
+    assert page.text_content("#verified pre") == "\n".join(lines)
     assert watched.errors == []

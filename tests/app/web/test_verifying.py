@@ -25,6 +25,7 @@ def said_of(folder):
     return replace(
         FOUND,
         statement="2 of 2 runs keep the stated limits.",
+        lines=("[kpis]", "overshoot = {}"),
         runs=2,
         planned=2,
         effects=tuple(f"effect {k}" for k in range(9)),
@@ -79,6 +80,7 @@ def test_one_verification_runs_at_a_time_and_its_result_is_shown_and_judged(page
     said = until(page.page(), lambda told: not told["running"])["said"]
     assert said["statement"].startswith("2 of 2 runs")
     assert said["verdict"] == FOUND.headline
+    assert said["lines"] == "[kpis]\novershoot = {}"
     assert said["effects"] == [f"effect {k}" for k in range(4)]
     assert [table["label"] for table in said["tables"]] == ["Stability margins", "KPIs of the varied plants"]
     assert all(

@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prefcal_env import Channel, Channels, End, Experiment, Maneuvers
+from prefcal_env import Channel, Channels, End, Experiment, Maneuvers, recorded
 from prefcal_env.envs import PlantEnv
 from prefcal_env.envs.closed_loop import rollout
 from prefcal_env.errors import ExperimentError, PlantError, ScenarioError, SettingsError
-from prefcal_env.experiments.experiment import FrozenMapping, Move, instants
+from prefcal_env.experiments.experiment import FrozenMapping, Move, instants, limiting_input
 from prefcal_env.experiments.panels import Panel, by_maneuver, combined, plots_of
 from prefcal_env.plants import FunctionPlant
 from prefcal_env.study.fold import decode, encode
@@ -534,3 +534,30 @@ def test_an_impossible_panel_is_refused_where_it_is_written(make, words):
 def test_by_default_each_state_input_and_further_output_is_drawn_once():
     plots = plots_of(run().channels)
     assert [(p.kind, p.name) for p in plots] == [("x", "ball"), ("x", "beam"), ("u", "motor"), ("y", "y0")]
+
+
+def limited(u, y, high=100.0, more=()):
+    """A run of ten instants with a reference of 1, an input from 0 to `high`, and perhaps further outputs."""
+    t, outputs = np.arange(10.0), {"y": np.array(y, dtype=float), **dict(more)}
+    target = {"y": np.ones(10)}
+    return recorded([1.0], t, outputs, {"valve": u}, target, limits={"valve": (0.0, high)}, kpis=None)
+
+
+def test_an_input_limits_a_run_that_is_at_one_limit_while_an_output_is_away_from_its_reference():
+    late, arrives = np.full(10, 0.4), [0, 0.2, 0.4, 0.6, 0.8, 1, 1, 1, 1, 1]
+    assert limiting_input(limited([100.0] * 10, late)) == "valve"
+    assert limiting_input(limited([100.0] * 5 + [60.0] * 5, arrives)) == "valve"  # all the way, then it rests
+    assert limiting_input(limited([100.0] * 2 + [60.0] * 8, arrives)) == ""  # two of five instants
+    assert (
+        limiting_input(limited([0.0] * 10, np.ones(10))) == ""
+    )  # it rests at a limit, and nothing is wanted
+    assert limiting_input(limited([100.0, 0.0] * 5, late)) == ""  # from end to end: an oscillation
+    assert limiting_input(limited([100.0] * 10, late, high=np.inf)) == ""
+    assert limiting_input(limited([99.99] * 10, late)) == ""
+    alone = recorded([1.0], np.arange(10.0), {"y": late}, {"valve": [100.0] * 10}, kpis=None)
+    assert limiting_input(alone) == ""  # without a reference, nothing is away from it
+
+
+def test_of_several_maneuvers_one_that_an_input_limits_is_enough():
+    calm, limit = limited([60.0] * 10, np.ones(10)), limited([100.0] * 10, np.full(10, 0.4))
+    assert limiting_input(replace(calm, runs=(calm, limit))) == "valve"

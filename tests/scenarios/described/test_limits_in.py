@@ -38,28 +38,35 @@ def same_but_for_limits(loaded, made):
 
 def test_of_a_controller_with_options_it_is_a_file_and_of_a_file_its_table(source, tmp_path):
     made = load(source)
-    lead, lines = limits_in(source, made.kpis, LIMITS).split(": ", 1)
-    assert lead == "For that, calibrate a TOML file of these lines"
-    (tmp_path / "a.toml").write_text(lines.replace("; ", "\n"))
+    lead, lines = limits_in(source, made.kpis, LIMITS)
+    assert lead == "For that, calibrate a TOML file of these lines."
+    assert lines[:5] == (
+        'controller = "pid"',
+        'plant = "tank.py:plant"',
+        "[knobs]",
+        '"K_p" = "0.1:10:log"',
+        "[kpis]",
+    )
+    assert '"overshoot" = {"at_most" = 10.0}' in lines
+    (tmp_path / "a.toml").write_text("\n".join(lines))
     same_but_for_limits(load("a.toml"), made)
-    lead, line = limits_in("b.toml", made.kpis, LIMITS).split(": ", 1)
-    assert lead == "For that, above the first table of b.toml, in place of [kpis]"
+    lead, lines = limits_in("b.toml", made.kpis, LIMITS)
+    assert lead == "For that, these lines go to the end of b.toml, in place of [kpis]."
     rest = 'controller = "pid"\nplant = "tank.py:plant"\n[knobs]\nK_p = "0.1:10:log"\n'
-    (tmp_path / "b.toml").write_text(f"{line}\n{rest}")
+    (tmp_path / "b.toml").write_text("\n".join([rest, *lines]))
     same_but_for_limits(load("b.toml"), made)
     # What the file states of its own KPIs stays: without its formula, one is unknown.
     own = 'overshoot = {}\nsettling_time = {}\nenergy = "integral(abs(inflow))"\n'
     (tmp_path / "c.toml").write_text(f"{rest}[kpis]\n{own}")
     made = load("c.toml")
-    line = limits_in("c.toml", made.kpis, LIMITS).split(": ", 1)[1]
-    (tmp_path / "d.toml").write_text(f"{line}\n{rest}")
+    _, lines = limits_in("c.toml", made.kpis, LIMITS)
+    (tmp_path / "d.toml").write_text("\n".join([rest, *lines]))
     same_but_for_limits(load("d.toml"), made)
 
 
 def test_of_a_python_file_it_is_its_kpis_and_a_built_in_one_takes_none():
     kpis = (KPI("overshoot", "overshoot of 'level'", "%", better="lower"), KPI("peak", "peak"))
-    said = limits_in("mine.py:SCENARIO", kpis, {"overshoot": 10.0})
-    words = said.removeprefix("For that, its file states ").removesuffix(".")
-    made = eval(words, {"KPI": KPI})
+    _, lines = limits_in("mine.py:SCENARIO", kpis, {"overshoot": 10.0})
+    (made,) = eval("\n".join(lines), {"KPI": KPI})
     assert made == replace(kpis[0], at_most=10.0, better=None)
-    assert limits_in("cstr", kpis, {"overshoot": 10.0}) == ""
+    assert limits_in("cstr", kpis, {"overshoot": 10.0}) == ("", ())

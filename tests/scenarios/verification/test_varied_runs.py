@@ -8,9 +8,11 @@ import pytest
 from scipy.special import betaincinv
 
 from prefcal_env import Channel, Experiment, Knob, KnobSpace, Plant, recorded
+from prefcal_env.envs.varied_loop import DIRECTION, LOAD, REFERENCE
 from prefcal_env.errors import KnobError, ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import End
-from prefcal_env.sources.varied import UNMODELED, within
+from prefcal_env.sources.source import Source, Varied
+from prefcal_env.sources.varied import UNMODELED, Factor, within
 from prefcal_scenarios import KPI, Scenario, load
 from prefcal_scenarios.described.pid_scenario import pid_scenario
 from prefcal_scenarios.verification import replay, verify
@@ -146,6 +148,94 @@ def test_beside_some_failed_runs_stands_what_to_do_next():
     small = replace(found, tuning=replace(found.tuning, theta=np.array([-2.13872e-06])))
     robust, _ = Verified.of(small, replace(SPRING, simulated=True), "", "1.0", "").advice
     assert "--start gain=-2.13872e-06" in robust, "typed as it stands, with all digits and a plain minus"
+
+
+class Tracking(Source):
+    """A loop whose weight is the target over the mass."""
+
+    def __init__(self, values=None):
+        self.values = values or {}
+
+    def run(self, theta, seed=0):
+        mass, size = (self.values.get(name, 1.0) for name in ("mass", REFERENCE))
+        return run(theta * size, seed, mass)
+
+    def varied(self):
+        mass = Factor.around("mass", "parameter", 0.1)
+        task = (Factor.around(REFERENCE, "task", 0.2), Factor.around(LOAD, "task", 0.2))
+        return Varied((mass, *task), ((DIRECTION, "one is near"), ("dead time", "none is stated")), Tracking)
+
+
+def test_runs_that_fail_at_targets_that_nobody_stated_are_counted_apart():
+    tracking = replace(SPRING, run=Tracking(), kpis=(KPI("weight", "weight", at_most=2.3),))
+    found = verify(tracking, THETA, 100, jobs=1)
+    bad = sum(2 * each.values[REFERENCE] / each.values["mass"] > 2.3 for each in found.runs)
+    assert 0 < bad < 50  # 2 / 0.9 is 2.22: with the stated target, every mass holds
+    assert found.headline == (
+        f"Does not hold beyond the stated target and load: {100 - bad} of 100 runs keep the stated limits; "
+        "at the stated target and load, 100 of the same 100 do; not varied: direction."
+    )
+    assert {*found.as_stated[0].values} == {"mass"}
+    assert [each.seed for each in found.as_stated[:bad]] == [each.seed for each in found.failed]
+    first, *_ = Verified.of(found, tracking, "", "1.0", "").advice
+    assert first == "if nothing but the stated target and load counts, verify that alone, with --range task=0"
+    # It does what it says: nothing of the task varies then, and no other verdict follows.
+    alone = verify(tracking, THETA, 100, ranges={"task": 0.0}, jobs=1)
+    assert alone.headline == (
+        "Holds: 100 of 100 runs keep the stated limits; not varied: direction, size of the step, size of the "
+        "load."
+    )
+    # A range that somebody states is what they ask for.
+    stated = verify(tracking, THETA, 100, ranges={REFERENCE: 0.2}, jobs=1)
+    assert stated.stated == "the stated load"
+    assert "at the stated load, 0 of the" in stated.headline
+
+
+def test_what_fails_at_the_stated_target_too_is_not_excused_by_it():
+    tracking = replace(SPRING, run=Tracking(), kpis=(KPI("weight", "weight", at_most=2.1),))
+    found = verify(tracking, THETA, 100, jobs=1)
+    bad = [each.values for each in found.runs if 2 * each.values[REFERENCE] / each.values["mass"] > 2.1]
+    still = sum(2 / values["mass"] > 2.1 for values in bad)
+    assert 0 < still < len(bad)
+    assert found.headline == (
+        f"Does not hold: {100 - len(bad)} of 100 runs keep the stated limits; at the stated target and load, "
+        f"{len(bad) - still} of the {len(bad)} that fail do; not varied: direction."
+    )
+    assert not any("task=0" in each for each in Verified.of(found, tracking, "", "1.0", "").advice)
+    # Nominally, the stated target alone decides.
+    heavy = replace(SPRING, run=Tracking(), kpis=(KPI("weight", "weight", at_most=1.9),))
+    assert verify(heavy, THETA, 20, jobs=1).headline.startswith("Does not hold: ")
+
+
+def test_where_the_range_of_an_input_ends_no_other_controller_is_advised():
+    def heated(theta, seed=0, gain=1.0):
+        # It takes 40 s at full power, so no controller arrives sooner; or the loop goes from end to end.
+        t = np.linspace(0.0, 60.0, 61)
+        y = np.minimum(gain * t / 40, 1.0)
+        u = np.where(y < 1, 100.0, 50.0) if theta[0] < 5 else np.where(np.arange(61) % 2, 100.0, 0.0)
+        target = {"y": np.ones(61)}
+        made = recorded(theta, t, {"y": y}, {"heater": u}, target, limits={"heater": (0, 100)}, kpis=None)
+        return made.with_kpis({"ts": float(np.argmax(y >= 1) or np.inf)})
+
+    kpis = (KPI("ts", "settling time", "s", at_most=41.0),)
+    oven = replace(SPRING, run=heated, kpis=kpis, simulated=True)
+    found = verify(oven, THETA, 60, jobs=1)
+    failed = len(found.failed)
+    assert 0 < failed < 60
+    assert {each.limiting for each in found.failed} == {"heater"}
+    said = Verified.of(found, oven, "", "1.0", "", robust=True)
+    assert said.advice[0] == (
+        f"in {failed} of the {failed} runs that fail, heater is at its limit for most of the time that an "
+        "output is away from its reference: try a smaller step or load, or a larger range, before another "
+        "controller"
+    )
+    assert "ask for a smaller step or a larger range of the actuator or relax the limit" in said.advice[1]
+    assert not any("change the controller" in each for each in said.advice)
+    assert said.worst[0].words == "settling time misses its objective, heater at its limit"
+    assert {*found.failed[0].kpis} == {"ts"}  # that it is limited is no KPI
+    swings = verify(oven, np.array([8.0]), 60, jobs=1)
+    assert {each.limiting for each in swings.failed} == {""}
+    assert "change the controller" in Verified.of(swings, oven, "", "1.0", "", robust=True).advice[0]
 
 
 def test_what_alone_makes_every_tuning_fail_calls_for_another_controller():

@@ -1,7 +1,7 @@
 // Verify the result on varied plants, show what came of it, and ask about the worst runs.
 
 import { get, post } from "./api.js";
-import { $, button, el, fill, folded, shownTable, symbol } from "./dom.js";
+import { $, button, copying, el, fill, folded, shownTable, symbol } from "./dom.js";
 import { current } from "./flow.js";
 
 const PAUSE = 500; // ms between two looks at a verification that runs
@@ -61,12 +61,12 @@ const going = ({ done, planned }) => [el("p", {}, planned ? `${done} of ${planne
   el("p", { class: "actions" }, button("Stop and keep these", () => show(() => post("stop_verifying", {}, false))))];
 
 // Show the verdict and what it advises; all that it rests on is folded, and stays as the person left it.
-function said({ best, verdict, statement, limits, margins, advice, basis, varied, tables, effects, worst }) {
+function said({ best, verdict, statement, limits, lines, margins, advice, basis, varied, tables, effects, worst }) {
   const tabled = (each) => [el("h5", {}, each.label), shownTable(each)];
   const list = (title, lines) => (lines.length ? [el("h5", {}, title), el("ul", { class: "plain" }, lines.map((text) => el("li", {}, symbol(text))))] : []);
   return [el("p", { class: "statement" }, el("strong", {}, symbol(verdict))), verdict.includes(statement) ? null : el("p", {}, symbol(statement)), list("What to do about it", advice),
     worst.length ? folded("worst-runs", "The worst runs, beside the nominal one: acceptable?", worst.map((each, k) => run(each, k, best))) : null,
-    folded("verified", "What was varied, its margins, and what hurts most", el("p", { class: "faint" }, symbol(limits)), varied.map(tabled),
+    folded("verified", "What was varied, its margins, and what hurts most", el("p", { class: "faint" }, symbol(limits)), lines ? el("div", { class: "command" }, el("pre", {}, lines), copying(lines)) : null, varied.map(tabled),
       el("h5", {}, "What margin has it?"), el("p", { class: "statement" }, symbol(margins)), el("p", { class: "faint" }, symbol(`${basis}.`)),
       tables.map(tabled), list("What hurts most, one at a time", effects)),
     el("p", { class: "actions" }, start("Verify again"))];
