@@ -150,7 +150,12 @@ def _changes(y: Float[np.ndarray, " K"]) -> np.ndarray:
 def _extremes(y: Float[np.ndarray, " K"]) -> np.ndarray:
     if len(y) <= _MOST:
         return np.arange(len(y))
-    parts = np.array_split(np.arange(len(y)), _MOST // 2)
+    # Half of the points follow time, half of them movement: a spike of minutes in hours is a curve, too.
+    moves = np.abs(np.diff(y, prepend=y[0]))
+    moves[~np.isfinite(moves)] = 0.0
+    share = np.cumsum(moves / max(moves.sum(), 1e-300) + 1 / len(y))
+    cuts = np.searchsorted(share, np.linspace(0, share[-1], _MOST // 2 + 1)[1:-1])
+    parts = np.split(np.arange(len(y)), np.unique(cuts[cuts > 0]))
     low, high = np.where(np.isnan(y), np.inf, y), np.where(np.isnan(y), -np.inf, y)
     kept = [k for p in parts for k in (p[np.argmin(low[p])], p[np.argmax(high[p])])]
     return np.unique(np.concatenate([[0], kept, [len(y) - 1]]))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from prefcal_app.view import Seen
-from prefcal_app.view.question import eventful
+from prefcal_app.view.question import curve, eventful
 from prefcal_env.experiments.panels import without_record
 from support.looks import LEVEL, THETA, VALVE, run
 
@@ -75,6 +75,15 @@ def test_a_step_and_a_load_hours_apart_are_two_parts_and_the_still_time_between_
     assert 0.092 < b < 0.15
     assert 3.9 < c <= 4.0
     assert 4.089 < d < 4.15  # x exp(-x) = 0.06 at x = 4.46, which is 0.089 h; the peak was at 0.02 h
+
+
+def test_a_curve_of_minutes_in_hours_is_drawn_without_kinks():
+    t = np.linspace(0.0, 8.0, 28_801)
+    y = 2 + 6 * np.exp(-t / 0.02)
+    drawn = curve(t, y, held=False)
+    assert len(drawn["t"]) < 2500
+    between = np.interp(t, drawn["t"], drawn["y"])
+    assert np.abs(between - y).max() < 0.01  # of 6 m, 8 s without a point have shown 0.026
 
 
 def test_a_drift_between_two_events_keeps_the_time_between():
