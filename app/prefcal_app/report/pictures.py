@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullLocator
 
 from prefcal_app.view.now import slices_view
+from prefcal_app.view.question import Seen, eventful
 from prefcal_env.controllers.margins import Margins, OpenLoop
 from prefcal_env.experiments.experiment import Channel, Experiment
 from prefcal_env.experiments.panels import Plot, maneuvers_of
@@ -66,6 +67,8 @@ class _Block:
     heading: str
     rows: Sequence[_Row]
     curves: Sequence[DrawnRun]
+    window: tuple[float, float] | None = None
+    """Part of the time that is shown, since what is drawn hardly moves in the rest; None for all of it."""
     own: bool = False
     """Whether targets and limits are those of the first run, not of the scenario."""
 
@@ -130,10 +133,12 @@ def figure(
     parts = maneuvers_of(left, right)
     blocks = []
     for part, runs in parts.items():
-        rows = [(panel, False) for panel in panels_of(scenario, *runs)]
-        for curve, run in zip(pair, runs, strict=True):
-            heading = part if curve is pair[0] else ""
-            blocks.append(_Block(heading, rows, [replace(curve, experiment=run)], own))
+        panels = panels_of(scenario, *runs)
+        rows = [(panel, False) for panel in panels]
+        for window in _windows(panels, runs):
+            for curve, run in zip(pair, runs, strict=True):
+                heading = part if curve is pair[0] else ""
+                blocks.append(_Block(heading, rows, [replace(curve, experiment=run)], window, own))
     with style():
         said = wrap(below, _WIDE)
         height = 0.8 + 1.75 * sum(len(b.rows) for b in blocks) / 2 + 0.2 * len(said)
@@ -182,7 +187,8 @@ def overlaid(
             drawn = panels(*(c.experiment for c in found))
             zoomed = zooms and len(parts) == 1
             rows = list(_zoomed(drawn, found)) if zoomed else [(panel, False) for panel in drawn]
-            blocks.append(_Block(part, rows, found))
+            windows = _windows(drawn, [c.experiment for c in found])
+            blocks += [_Block(part, rows, found, window) for window in windows]
     across = min(len(blocks), _ACROSS)
     count = max(len(block.rows) for block in blocks) * -(-len(blocks) // across)
     each = 1.75 if len(parts) == 1 else 1.6
@@ -215,8 +221,9 @@ def _drawn(
             axes.tick_params(labelbottom=axes is places[-1], labelleft=not same)
             if same:
                 axes.sharey(left)
-            if axes is not grid[top, 0] and (same or axes is not places[0]):
-                axes.sharex(grid[top, 0] if same else places[0])
+            beside = same and blocks[i - 1].window == block.window
+            if axes is not grid[top, 0] and (beside or axes is not places[0]):
+                axes.sharex(grid[top, 0] if beside else places[0])
         _fill(places, block, short=short)
         if block.heading:
             above(places[0], block.heading, 21, fontweight="bold")
@@ -261,7 +268,23 @@ def _fill(axes: Sequence[Axes], block: _Block, *, short: bool) -> None:
         if zoomed and channel.target is not None and channel.band is not None:
             place.set_ylim(channel.target - 3 * channel.band, channel.target + 3 * channel.band)
         place.margins(x=0.01)
-    axes[-1].set_xlabel(f"time [{block.curves[0].experiment.channels.time_unit}]")
+    axes[-1].set_xlabel(labeled("time", block.curves[0].experiment.channels.time_unit))
+    if block.window is not None:
+        end = max(curve.experiment.t[-1] for curve in block.curves if len(curve.experiment.t))
+        axes[-1].set_xlabel(f"{axes[-1].get_xlabel()} · of {number(end)}; the rest hardly moves")
+        axes[-1].set_xlim(block.window)
+
+
+def _windows(panels: Sequence[Plot], runs: Sequence[Experiment]) -> Sequence[tuple[float, float] | None]:
+    """Return the parts of the time to draw, as the page shows them; None for all of it.
+
+    On paper nobody can zoom out: all of it is drawn unless things happen in less than half of it.
+    """
+    if not any(len(run.t) for run in runs):
+        return [None]
+    axes = Seen().frame(panels, *runs)
+    parts, (first, last) = eventful(panels, axes, *runs), axes["x"]
+    return [(a, b) for a, b in parts] if sum(b - a for a, b in parts) < 0.5 * (last - first) else [None]
 
 
 def _own(panel: Plot, experiment: Experiment) -> Channel:

@@ -377,8 +377,11 @@ def curves_of_both(before: Experiment, after: Experiment, scenario: Scenario) ->
         "maneuver": part["maneuver"],
         "time_unit": after.channels.time_unit,
         "panels": [part["panels"][i] for i in shown],
-        "axes": {"x": part["window"], "y": [part["axes"]["y"][i] for i in shown]},
-        "window": None,
+        "axes": {
+            "x": [part["windows"][0][0], part["windows"][-1][1]],
+            "y": [part["axes"]["y"][i] for i in shown],
+        },
+        "windows": [],
         **{
             side: {
                 name: [part[side][name][i] for i in shown]

@@ -148,7 +148,12 @@ def _changes(y: Float[np.ndarray, " K"]) -> np.ndarray:
 def _extremes(y: Float[np.ndarray, " K"]) -> np.ndarray:
     if len(y) <= _MOST:
         return np.arange(len(y))
-    parts = np.array_split(np.arange(len(y)), _MOST // 2)
+    # Half of the points follow time, half of them movement: a spike of minutes in hours is a curve, too.
+    moves = np.abs(np.diff(y, prepend=y[0]))
+    moves[~np.isfinite(moves)] = 0.0
+    share = np.cumsum(moves / max(moves.sum(), 1e-300) + 1 / len(y))
+    cuts = np.searchsorted(share, np.linspace(0, share[-1], _MOST // 2 + 1)[1:-1])
+    parts = np.split(np.arange(len(y)), np.unique(cuts[cuts > 0]))
     low, high = np.where(np.isnan(y), np.inf, y), np.where(np.isnan(y), -np.inf, y)
     kept = [k for p in parts for k in (p[np.argmin(low[p])], p[np.argmax(high[p])])]
     return np.unique(np.concatenate([[0], kept, [len(y) - 1]]))
@@ -332,6 +337,10 @@ _COARSE = 3
 """Steps of the time shown, up to twice as many: a similar pair has the same time axis, and is drawn
 in a tenth of the time."""
 _NEARLY_ALL = 0.8  # share of the whole time from which all of it is shown
+_FEW, _PARTS, _APART = 0.15, 3, 0.1
+"""Share of the time from first to last movement below which only the parts with movement are shown,
+the largest number of parts, and the least share of it between two."""
+_STRETCHES = 1000  # largest number of stretches of a curve in which movement is looked for
 
 
 def largest_difference(
@@ -368,13 +377,12 @@ def largest_difference(
     return largest
 
 
-def eventful(
-    panels: Sequence[Plot], axes: dict[str, Any], left: Experiment, right: Experiment
-) -> list[float]:
-    """Return the part of the time axis in which things happen in either of two runs.
+def eventful(panels: Sequence[Plot], axes: dict[str, Any], *shown: Experiment) -> list[list[float]]:
+    """Return the parts of the time axis in which things happen in any of some runs.
 
     That is from the first time any curve, reference or limit moves until all of them stay near
-    their last value: within the band of a target, and within 2 % of the axis.
+    their last value: within the band of a target, and within 2 % of the axis. It is one part, unless
+    things happen in less than 15 % of it, as after a step and a load hours apart.
 
     Args:
         axes: Axes of the panels: `x`, and `y` by panel.
@@ -382,38 +390,73 @@ def eventful(
     first, last = axes["x"]
     found = [
         moved
-        for run in (*(left.runs or (left,)), *(right.runs or (right,)))
+        for experiment in shown
+        for run in experiment.runs or (experiment,)
         if len(run.t)
         for panel, curves, (low, high) in zip(panels, panel_curves(panels, run), axes["y"], strict=True)
         for moved in _movements(panel.channel, run.t, curves, _STILL * (high - low))
     ]
     if not found:
-        return [first, last]
-    start, end = min(a for a, _ in found), max(b for _, b in found)
+        return [[first, last]]
+    start, end = min(each[0][0] for each in found), max(each[-1][1] for each in found)
     if not start < end:
-        return [first, last]
+        return [[first, last]]
+    apart = [_around(*part, first, last) for part in _joined(found, _APART * (end - start))]
+    if 1 < len(apart) <= _PARTS and sum(b - a for a, b in apart) < _FEW * (end - start):
+        return apart
+    start, end = _around(start, end, first, last)
+    return [[first, last] if end - start > _NEARLY_ALL * (last - first) else [start, end]]
+
+
+def _around(start: float, end: float, first: float, last: float) -> list[float]:
+    """Return a part of the time with what is shown before and after it, from `first` to `last` at most."""
     width = end - start
     shown = snapped(start - _BEFORE * width, end + _AFTER * width, _COARSE)
-    start, end = max(shown[0], first), min(shown[1], last)
-    return [first, last] if end - start > _NEARLY_ALL * (last - first) else [start, end]
+    return [max(shown[0], first), min(shown[1], last)]
+
+
+def _joined(found: Iterable[Sequence[Range]], gap: float) -> list[Range]:
+    """Return the union of ranges, in order, where those less than `gap` apart are one."""
+    parts: list[Range] = []
+    for low, high in sorted(range_ for each in found for range_ in each):
+        if parts and low - parts[-1][1] < gap:
+            low, high = parts[-1][0], max(parts.pop()[1], high)
+        parts.append((low, high))
+    return parts
 
 
 def _movements(
     channel: Channel, t: Float[np.ndarray, " K"], curves: PanelCurves, still: float
-) -> list[Range]:
-    """Return from when until when the curves of a panel move by more than `still`."""
+) -> Iterator[list[Range]]:
+    """Yield for each curve of a panel that moves by more than `still` from when until when it does."""
     if channel.target is not None and channel.band:
         still = min(still, channel.band)
-    found = []
     for values in curves:
         if values is None or not (known := np.isfinite(values)).any():
             continue
         at, y = t[known], values[known]
         moved, unsettled = (np.flatnonzero(np.abs(y - end) > still) for end in (y[0], y[-1]))
-        if len(moved) and len(unsettled):
-            begins, ends = max(moved[0] - 1, 0), min(unsettled[-1] + 1, len(at) - 1)
-            found.append((float(at[begins]), float(at[ends])))
-    return found
+        if not len(moved) or not len(unsettled):
+            continue
+        begins, ends = sorted((max(moved[0] - 1, 0), min(unsettled[-1] + 1, len(at) - 1)))
+        if begins < ends:
+            first, last = ((float(at[k]), float(at[k + 1])) for k in (begins, ends - 1))
+            part = slice(begins, ends + 1)
+            yield [first, *_moving(at[part], y[part], still), last]
+
+
+def _moving(t: Float[np.ndarray, " K"], y: Float[np.ndarray, " K"], still: float) -> Iterator[Range]:
+    """Yield the times between rows at which a curve is more than `still` from where it was last seen to move.
+
+    A curve of very many rows is looked at in stretches of some, each by its extremes.
+    """
+    starts = np.unique(np.linspace(0, len(y) - 1, min(len(y), _STRETCHES)).astype(int))
+    low, high = (f.reduceat(y, starts).tolist() for f in (np.minimum, np.maximum))
+    ends, since = [*starts[1:].tolist(), len(y) - 1], float(y[0])
+    for k, (a, b) in enumerate(zip(low, high, strict=True)):
+        if max(b - since, since - a) > still:
+            yield float(t[max(starts[k] - 1, 0)]), float(t[ends[k]])
+            since = float(y[ends[k] - 1] if k + 1 < len(low) else y[-1])
 
 
 def _on(
@@ -516,7 +559,7 @@ def _maneuver_view(
         "maneuver": name,
         "panels": [panel_view(panel) for panel in panels],
         "axes": axes,
-        "window": eventful(panels, axes, left, right),
+        "windows": eventful(panels, axes, left, right),
         "differ": largest_difference(panels, axes["y"], left, right),
         "left": run_view(left, panels, kpis, seen, right),
         "right": run_view(right, panels, kpis, seen, left),

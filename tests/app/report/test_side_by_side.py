@@ -1,20 +1,29 @@
 """Two runs side by side stay readable, however many knobs there are."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from prefcal_app import figure
+from prefcal_app.report.pictures import DrawnRun, overlaid
 from prefcal_env.experiments.experiment import Channel, End
 from prefcal_env.plants.plant import Plant
 from prefcal_scenarios import load
 from prefcal_scenarios.described.pid_scenario import pid_scenario
+from prefcal_scenarios.scenario import panels_of
 from prefcal_scenarios.style import GOOD
 from prefcal_scenarios.verification.result import VerifiedRun
 from prefcal_scenarios.verification.varied_runs import replays
 from prefcal_scenarios.wording import number
+
+
+def over_each_other(scenario, *runs):
+    """Both runs over each other, as the report draws the best one."""
+    curves = [DrawnRun(run, str(k), GOOD) for k, run in enumerate(runs)]
+    return overlaid(partial(panels_of, scenario), curves)
 
 
 @pytest.mark.parametrize("name", ["servo", "cstr"])
@@ -85,3 +94,24 @@ def test_three_reasons_of_a_worst_run_stand_under_curves_that_keep_their_size():
     assert box.x0 >= 0
     assert box.x1 <= whole.x1
     assert min(axes.get_window_extent().y0 for axes in drawn.axes if axes.get_visible()) > box.y1
+
+
+@pytest.mark.parametrize("draw", [figure, over_each_other])
+def test_a_slow_study_is_drawn_where_it_moves(draw):
+    plant = Plant.of(
+        ([1.6], [40.0, 1.0]), delay=7.0, inputs=[Channel("valve", "%", 0, 100)], outputs=[Channel("T", "°C")]
+    )
+    usual, slow = (pid_scenario(plant, reference={"T": 100.0}, horizon=h) for h in (None, 28_800.0))
+    found = []
+    for scenario in (usual, slow):
+        made = scenario.run(scenario.references["robust"])
+        axes = [each for each in draw(scenario, made, made).axes if each.get_visible()]
+        found.append({each.get_xlim(): each.get_xlabel() for each in axes if each.get_xlabel()})
+    (whole,) = found[0].items()
+    assert whole[0][1] > 440
+    assert whole[1] == "time [s]"
+    step, load = found[1]
+    assert step[0] == 0
+    assert 50 < step[1] < 300  # it settles to 5 % after about 60 s, and 2 % after the load of 14,400 s
+    assert load[0] < 14_400 < load[1] < 14_700
+    assert set(found[1].values()) == {"time [s] · of 28800; the rest hardly moves"}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from prefcal_app.view import Seen
-from prefcal_app.view.question import eventful
+from prefcal_app.view.question import curve, eventful
 from prefcal_env.experiments.panels import without_record
 from support.looks import LEVEL, THETA, VALVE, run
 
@@ -22,8 +22,9 @@ def made(level, valve=None):
 
 
 def shown(left, right):
-    """The part of the time of two runs that is shown first."""
-    return eventful(PANELS, Seen().frame(PANELS, left, right), left, right)
+    """From when until when things happen in two runs."""
+    parts = eventful(PANELS, Seen().frame(PANELS, left, right), left, right)
+    return [parts[0][0], parts[-1][1]]
 
 
 def step(at, tau=0.5):
@@ -62,6 +63,32 @@ def test_settling_is_by_the_band_of_the_target_and_not_by_the_axis_alone():
 def test_a_move_of_the_input_counts():
     valve = np.where(T < 30, 5.0, 9.0)
     assert shown(made(step(1.0), valve), made(step(1.0)))[1] > 30
+
+
+def test_a_step_and_a_load_hours_apart_are_two_parts_and_the_still_time_between_is_none():
+    t = np.linspace(0.0, 8.0, 28_801)  # a sample per second
+    rise = 2 + 6 * np.exp(-t / 0.02) + np.where(t > 4, (t - 4) / 0.02 * np.exp(-(t - 4) / 0.02), 0.0)
+    one = replace(made(step(1.0)), t=t, x=rise[:, None], u=np.full((len(t), 1), 5.0))
+    (a, b), (c, d) = eventful(PANELS, Seen().frame(PANELS, one, one), one, one)
+    assert a == 0.0
+    # 6 m have come within the band of 0.06 m after ln(100) · 0.02 h = 0.092 h
+    assert 0.092 < b < 0.15
+    assert 3.9 < c <= 4.0
+    assert 4.089 < d < 4.15  # x exp(-x) = 0.06 at x = 4.46, which is 0.089 h; the peak was at 0.02 h
+
+
+def test_a_curve_of_minutes_in_hours_is_drawn_without_kinks():
+    t = np.linspace(0.0, 8.0, 28_801)
+    y = 2 + 6 * np.exp(-t / 0.02)
+    drawn = curve(t, y, held=False)
+    assert len(drawn["t"]) < 2500
+    between = np.interp(t, drawn["t"], drawn["y"])
+    assert np.abs(between - y).max() < 0.01  # of 6 m, 8 s without a point have shown 0.026
+
+
+def test_a_drift_between_two_events_keeps_the_time_between():
+    drift = step(1.0, tau=0.1) + np.clip(T - 2, 0, 38) * 0.02 + np.where(T > 40, 1.0, 0.0)
+    assert shown(made(drift), made(drift))[1] > 40
 
 
 def test_two_runs_in_which_nothing_happens_show_the_whole_time():

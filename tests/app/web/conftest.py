@@ -50,7 +50,7 @@ def window(tmp_path, toy):
     with contextlib.ExitStack() as served:
 
         def start(scenario=None, n_max=13, **more):
-            chosen = toy if scenario is None else load(scenario)
+            chosen = load(scenario) if isinstance(scenario, str) else scenario or toy
             return served.enter_context(window_on(chosen, tmp_path / "mine.prefcal", n_max, **more))
 
         yield start

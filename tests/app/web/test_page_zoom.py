@@ -2,6 +2,9 @@
 
 import pytest
 
+from prefcal_env.experiments.experiment import Channel
+from prefcal_env.plants.plant import Plant
+from prefcal_scenarios.described.pid_scenario import pid_scenario
 from support.browser import Watched
 from support.page_checks import pixels
 
@@ -29,7 +32,7 @@ def test_the_first_thing_in_sight_is_the_time_in_which_things_happen(opened):
     _, watched = opened()
     whole = shown(watched)["axes"]["x"]
     x, y = axes(watched)
-    assert x == pytest.approx(shown(watched)["window"])
+    assert x == pytest.approx(shown(watched)["windows"][0])
     assert x[1] - x[0] < 0.8 * (whole[1] - whole[0])
     assert y == shown(watched)["axes"]["y"][0]  # a height means the same in every question
     assert watched.page.get_attribute("#zoom", "aria-pressed") == "false"
@@ -40,6 +43,27 @@ def test_the_first_thing_in_sight_is_the_time_in_which_things_happen(opened):
     assert watched.page.locator("#left-plot .xtitle").text_content() == "time [h]"
     watched.page.keyboard.press("0")
     assert axes(watched)[0] == x
+
+
+def test_two_events_hours_apart_are_shown_one_after_the_other(opened):
+    valve, T = Channel("valve", "%", 0, 100), Channel("T", "°C")
+    plant = Plant.of(([1.6], [40.0, 1.0]), delay=7.0, inputs=[valve], outputs=[T])
+    _, watched = opened(pid_scenario(plant, reference={"T": 100.0}, horizon=28_800.0))
+    page, question = watched.page, shown(watched)
+    step, load = question["windows"]
+    assert step[0] == 0
+    assert step[1] <= 1500
+    assert 14_000 < load[0] <= 14_400 < load[1] < 16_000
+    title = page.locator("#left-plot .xtitle")
+    assert axes(watched)[0] == pytest.approx(step)
+    assert title.text_content() == f"time [s] · key 0: moves again from {load[0]:.0f} s"
+    page.keyboard.press("0")
+    assert axes(watched)[0] == pytest.approx(load)
+    assert title.text_content() == f"time [s] · key 0: all {question['axes']['x'][1]:.0f} s"
+    page.keyboard.press("0")
+    assert axes(watched)[0] == question["axes"]["x"]
+    page.keyboard.press("0")
+    assert axes(watched)[0] == pytest.approx(step)
 
 
 def test_what_is_zoomed_stays_for_the_next_question_and_after_a_reload(opened):
@@ -72,14 +96,14 @@ def test_a_part_that_was_dragged_stays_too(opened):
     page.mouse.up()
     page.wait_for_timeout(300)
     dragged = axes(watched)
-    assert dragged[0] != pytest.approx(shown(watched)["window"])
+    assert dragged[0] != pytest.approx(shown(watched)["windows"][0])
     watched.answer("ArrowLeft")
     assert axes(watched) == dragged
     page.reload()
     watched.question()
     assert axes(watched) == dragged
     page.keyboard.press("f")  # back to where things happen
-    assert axes(watched)[0] == pytest.approx(shown(watched)["window"])
+    assert axes(watched)[0] == pytest.approx(shown(watched)["windows"][0])
 
 
 def test_captions_name_the_band_and_the_limits_that_are_drawn_and_no_others(opened):

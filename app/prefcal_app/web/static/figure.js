@@ -76,10 +76,12 @@ function lines({ curves, references, limits }, panel, i, color, dash) {
   ];
 }
 
-// Say how to see the rest of the time, if only a part is shown.
-function rest({ axes: { x } }, shown, unit) {
+// Say how to see the rest of the time, if only a part is shown, and where things happen in it.
+function rest({ axes: { x }, windows }, shown, unit) {
   if (shown[0] <= x[0] && shown[1] >= x[1]) return "";
   const how = matchMedia("(hover: none)").matches ? "double-tap" : "key 0";
+  const next = windows[windows.findIndex(([from, to]) => from === shown[0] && to === shown[1]) + 1];
+  if (next && next !== windows[0]) return ` · ${how}: moves again from ${Number(next[0].toPrecision(4))} ${unit}`;
   return ` · ${how}: all ${Number((x[1] - x[0]).toPrecision(4))} ${unit}`;
 }
 

@@ -3,7 +3,7 @@
 
 import { DARK, el, fill, symbol } from "./dom.js";
 import { HEAD, MARGIN, aims, layout, place, traces } from "./figure.js";
-import { EVENTS, TARGET, WHOLE, applies, dragged, recalled, remember, view } from "./zoom.js";
+import { EVENTS, TARGET, WHOLE, applies, dragged, following, recalled, remember, view } from "./zoom.js";
 
 const LEAST = { apart: 88, overlaid: 76, small: 120 }; // minimum px of a panel with its title
 // On a small screen the page scrolls instead: a panel stays large enough to be read.
@@ -86,9 +86,9 @@ export class Plots {
     this.draw();
   }
 
-  // Show the whole time; again: the time in which things happen.
+  // Show the next part of the time in which things happen, or the whole time; again: the first part.
   reset() {
-    if (this.#question) this.#choose(this.#zoom.kind === "whole" ? EVENTS : WHOLE);
+    if (this.#question) this.#choose(following(this.#zoom, this.#question));
   }
 
   zoomToTarget() {

@@ -87,7 +87,7 @@ function taking(id, index, dialed, saved = () => {}) {
         button(same ? "Save it anyway" : `Save as experiment ${index + 1}`, save, { id: `${id}-save`, class: same ? "" : "primary" }),
         button("Choose another file", () => fill(seen))));
     const plots = new Plots((name) => (name === "left" ? plot : null));
-    plots.take({ panels, axes, left: side, right: side }, unit);
+    plots.take({ panels, axes, windows: [], left: side, right: side }, unit);
     plot.style.height = `${plots.least}px`;
     plots.draw();
     seen.scrollIntoView({ block: "nearest" });

@@ -4,7 +4,7 @@
 import { keep, kept } from "./dom.js";
 
 const KEY = "prefcal-zoom";
-export const EVENTS = { kind: "events" }, WHOLE = { kind: "whole" }, TARGET = { kind: "target" };
+export const EVENTS = { kind: "events", part: 0 }, WHOLE = { kind: "whole" }, TARGET = { kind: "target" };
 let chosen = null;
 
 // A part that was dragged belongs to these panels only: other questions may have other units.
@@ -30,10 +30,16 @@ export function recalled() {
 export const applies = ({ kind, of }, question) =>
   kind === "target" || (kind === "dragged" && of === subject(question));
 
+// Return what follows a zoom: each part of the time in which things happen, the whole time, the first part.
+export function following({ kind, part }, { windows }) {
+  if (kind === "whole") return EVENTS;
+  return kind === "events" && part + 1 < windows.length ? { ...EVENTS, part: part + 1 } : WHOLE;
+}
+
 // Return the axes of a question.
 export function view(zoom, question, all) {
-  if (zoom.kind === "whole" || !question.window) return all;
-  if (!applies(zoom, question)) return { x: question.window, y: all.y };
+  if (zoom.kind === "whole" || !question.windows.length) return all;
+  if (!applies(zoom, question)) return { x: question.windows[zoom.part] ?? question.windows[0], y: all.y };
   return zoom.kind === "target" ? target(question, all) : zoom.view;
 }
 
@@ -41,7 +47,7 @@ const aimed = (panel) => panel.target !== null && panel.band;
 
 // Return the axes around the target, in the time in which things happen; panels without a band get
 // the range of their curves in that time.
-function target({ panels, window: x, left, right }, all) {
+function target({ panels, windows: [x], left, right }, all) {
   return { x, y: panels.map((panel, i) => {
     if (aimed(panel)) return [panel.target - 8 * panel.band, panel.target + 8 * panel.band];
     return within(x, [left, right].flatMap((side) => [...side.curves[i], side.references[i]]).filter(Boolean), all.y[i]);
