@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 
 from prefcal_env.arrays import is_number
 from prefcal_env.errors import SettingsError
@@ -14,6 +14,8 @@ from prefcal_env.plants.plant import Plant
 from prefcal_env.plants.systems import LinearSystem
 
 from .stored import as_data, finite, from_data, index_of, infinite, outputs_of, reference_of, storable
+
+Rows = Shaped[np.ndarray, "p _"]
 
 # --- The law of the sampled PID, written once: for the controller that runs and for linear loops.
 
@@ -244,6 +246,21 @@ class PID:
         """Return the PID that `as_data` describes. Raises SettingsError or TypeError for other data."""
         return cls(**{name: infinite(name, value) for name, value in data.items()})
 
+    @property
+    def packed(self) -> tuple[Rows, Rows, Rows]:
+        """Parameters, output and input, and memory, as a compiled episode takes them, a row each."""
+        p, law = self.parameters, self.law
+        numbers = [p[name] for name in ("K_p", "b", "c", "low", "high")]
+        numbers += [law.integral, law.pole, law.rise, self.tracking, float(np.isfinite(p["T_i"]))]
+        known, integral = self._integral is not None, self._integral or 0.0
+        memory = [float(known), integral, self._derivative, self._v, self._applied, self._r, self._y]
+        return np.array([numbers], dtype=float), np.array([[self.output, self.input]]), np.array([memory])
+
+    def remember(self, memory: Rows) -> None:
+        """Go on with the memory of a compiled episode, shape (1, 7)."""
+        known, integral, self._derivative, self._v, self._applied, self._r, self._y = memory[0].tolist()
+        self._integral = integral if known else None
+
     def move(self, measurement: Measurement) -> Move:
         """Decide the input; a reference that is NaN leaves it as it is."""
         r, u = float(reference_of(measurement)[self.output]), np.array(measurement.u, dtype=float)
@@ -328,6 +345,19 @@ class Decentralized:
         """Return the PIDs that `as_data` describes. Raises SettingsError or KeyError for other data."""
         pids = [from_data(each) for each in data["pids"]]
         return cls([pid for pid in pids if isinstance(pid, PID)])
+
+    @property
+    def packed(self) -> tuple[Rows, Rows, Rows]:
+        """Parameters, channels and memory of each PID, a row each."""
+        parameters, channels, memory = (
+            np.vstack(part) for part in zip(*(p.packed for p in self.pids), strict=True)
+        )
+        return parameters, channels, memory
+
+    def remember(self, memory: Rows) -> None:
+        """Go on with the memory of a compiled episode, shape (p, 7)."""
+        for k, pid in enumerate(self.pids):
+            pid.remember(memory[k : k + 1])
 
     def move(self, measurement: Measurement) -> Move:
         """Let each PID decide its input; inputs without a PID stay as they are."""

@@ -25,6 +25,7 @@ from prefcal_env.plants.plant import Disturbed
 from prefcal_env.sources.source import Function, Source, Varied
 from prefcal_env.wording import brief, place_in_code
 
+from .linear_run import linear_run
 from .plant_env import PlantEnv
 from .task import Task
 from .varied_loop import STEP, VariedLoop, Worn, moves_of
@@ -186,7 +187,13 @@ class ClosedLoop:
 
     def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
         """Run a physical θ, shape (n,)."""
-        return rollout(self._env, self.controller(theta), theta, seed=seed, kpis=self.kpis)
+        controller = self.controller(theta)
+        found = linear_run(self._env, controller, seed)
+        if found is None:
+            return rollout(self._env, controller, theta, seed=seed, kpis=self.kpis)
+        record, solved = found
+        experiment = _experiment(record, theta, [(0, 0.0, usable) for usable in solved.tolist()])
+        return experiment if self.kpis is None else experiment.with_kpis(self.kpis)
 
     def varied(self) -> Varied:
         """Return what varies in the loop. Raises ScenarioError if its environment is no `PlantEnv`."""

@@ -275,7 +275,7 @@ class DeadTime:
 
 
 Array = np.ndarray[Any, Any]
-_STRAIGHT, _SUDDEN, _LITTLE = 0.03, 1e8, 0.02
+STRAIGHT, SUDDEN, LITTLE = 0.03, 1e8, 0.02
 """Lengths of a period in lags beyond which the mean will do, since moments of the decay, or its end, are lost
 in rounding; and share of the largest move so far up to which it does: two steps take twice as long."""
 
@@ -332,7 +332,7 @@ class PlantEnv(gym.Env[Array, Array]):
         self.channels = channels_of(plant, task)
         self._low = np.array([c.low for c in plant.inputs])
         self._high = np.array([c.high for c in plant.inputs])
-        self._outputs_are_states = outputs_are_states
+        self.outputs_are_states = outputs_are_states
         self._tracked, self._observed = tracked_of(task), observed_of(plant, task)
         panels = len(self._tracked) + len(plant.inputs)
         self._canvas = Canvas(plant.name, f"time [{plant.time_unit}]", panels)
@@ -383,7 +383,7 @@ class PlantEnv(gym.Env[Array, Array]):
         """
         super().reset(seed=seed)
         options = known_options(options, ("T_s", "x0"))
-        T_s = self._sampling_time(options.get("T_s", self.task.T_s))
+        T_s = self.sampling_time(options.get("T_s", self.task.T_s))
         x0 = plant_vector(options.get("x0", self.task.x0), len(self.plant.states), "initial state x0")
         if self.task.unsafe(x0):
             raise PlantError(f"the initial state x0 is unsafe: {x0}")
@@ -497,7 +497,7 @@ class PlantEnv(gym.Env[Array, Array]):
         """Return y = g(x, u, d) at every instant, with d held as it acted on the plant."""
         if self._dead_time is not None:
             return np.array([self._dead_time.outputs(t, self._output_delay) for t in record.t])
-        if self._outputs_are_states:
+        if self.outputs_are_states:
             return record.x.copy()
         # At a sampling instant, the disturbance that is held from there on.
         held = np.searchsorted(record.t_control, record.t, side="right") - 1
@@ -524,7 +524,7 @@ class PlantEnv(gym.Env[Array, Array]):
         """Return the outputs as measured now, without noise, with the last input."""
         if self._dead_time is not None:
             return self._dead_time.outputs(self._t, self._seen_delay)
-        if self._outputs_are_states:
+        if self.outputs_are_states:
             return self._x
         now = d if d.ndim == 1 else d[0]
         return np.asarray(self.plant.g(self._x, self._reached, now), dtype=float)
@@ -537,7 +537,8 @@ class PlantEnv(gym.Env[Array, Array]):
             noise = 0.0 if self.task.noise is None else self._noise
             self._noise = self.task.bias + noise
 
-    def _sampling_time(self, T_s: Any) -> float:
+    def sampling_time(self, T_s: Any) -> float:
+        """Return `T_s` as a number. Raises SettingsError if it is out of range, or does not fit the plant."""
         found, dt = self.task.sampling_time(T_s), getattr(self.plant, "sample_time", 0.0)
         steps = found / dt if dt else 1.0
         if abs(steps - round(steps)) > 1e-6 or round(steps) < 1:
@@ -568,9 +569,9 @@ class PlantEnv(gym.Env[Array, Array]):
         share = duration / self.task.lag
         self._reached, mean = u + missing * exp(-share), u - missing * expm1(-share) / share
         self._farthest = np.maximum(self._farthest, np.abs(missing))
-        little = bool(np.all(np.abs(missing) <= _LITTLE * self._farthest))
+        little = bool(np.all(np.abs(missing) <= LITTLE * self._farthest))
         discrete = getattr(self.plant, "sample_time", 0.0) > 0  # it sees nothing between its samples
-        if little or discrete or not _STRAIGHT < share < _SUDDEN:
+        if little or discrete or not STRAIGHT < share < SUDDEN:
             return mean, [(self._t, mean)]
         first, until, second = _two_steps(share)
         steps = [(self._t, u + missing * first), (self._t + until * duration, u + missing * second)]

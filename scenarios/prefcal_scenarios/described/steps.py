@@ -20,6 +20,7 @@ from prefcal_env.experiments.experiment import Channel, Controller, Experiment
 from prefcal_env.experiments.panels import Panel
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.plants.plant import Disturbed, Plant
+from prefcal_env.plants.systems import LinearPlant
 from prefcal_env.units import conversion
 from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.scenario import KPI, Scenario
@@ -288,7 +289,12 @@ def _data(laws: Laws, theta: Float[np.ndarray, " n"]) -> dict[str, Any]:
 
 def _task(plant: Plant, found: Design) -> Task:
     """Return the task: loop k steps after k phases, then the loads act."""
-    n, phase, loads = len(found.loops), found.phase, np.zeros(len(plant.inputs))
+    n, phase, loads, unsafe = (
+        len(found.loops),
+        found.phase,
+        np.zeros(len(plant.inputs)),
+        RunsAway(plant, found),
+    )
     y_ref = np.full((n, len(plant.outputs)), np.nan)
     for k, loop in enumerate(found.loops):
         y_ref[:k, loop.output], y_ref[k:, loop.output] = loop.start, loop.target
@@ -304,7 +310,8 @@ def _task(plant: Plant, found: Design) -> Task:
         horizon=(n + 1) * phase,
         T_s=found.T_s,
         dense_step=found.T_s,
-        unsafe=RunsAway(plant, found),
+        unsafe=unsafe,
+        vectorized=unsafe.vectorized,
         tracked=tuple(loop.output for loop in found.loops),
     )
 
@@ -317,7 +324,7 @@ class RunsAway:
         design: What was chosen for it. States that start at or beyond a limit have none.
     """
 
-    def __init__(self, plant: Plant, design: Design) -> None:
+    def __init__(self, plant: Any, design: Design) -> None:
         self._plant, self._point = plant, design.point
         self._limits = [
             (k, c.low, c.high)
@@ -325,9 +332,19 @@ class RunsAway:
             if c.low < start < c.high and (np.isfinite(c.low) or np.isfinite(c.high))
         ]
         self._outputs = [(loop.output, loop.start, _AWAY * abs(loop.step)) for loop in design.loops]
+        self.vectorized = isinstance(plant, LinearPlant)
+        """Whether it takes M states at once, as columns."""
 
-    def __call__(self, x: Float[np.ndarray, " n_x"]) -> bool:
+    def __call__(self, x: Float[np.ndarray, " *M"]) -> Any:
         """Return whether the experiment ends."""
+        if self.vectorized:
+            away = np.zeros(x.shape[1:], dtype=bool)
+            for k, low, high in self._limits:
+                away |= (x[k] < low) | (x[k] > high)
+            rest = self._plant.g(np.zeros(len(x)), self._point.u, self._point.d)
+            for k, start, reach in self._outputs:
+                away |= np.abs(self._plant.system.C[k] @ x + rest[k] - start) > reach
+            return away
         # A few numbers at every instant: faster than array operations.
         if not all(low <= x[k] <= high for k, low, high in self._limits):
             return True

@@ -1,0 +1,350 @@
+"""The compiled episode of a linear plant with dead time that PIDs control, period by period.
+
+It does what `PlantEnv.apply`, `DeadTime`, `Worn` and `PID.step` do, in their order; `linear_run` prepares it.
+Matrices are those of x' = A x + B a, y = C x + D a + o; a are inputs and disturbances, less those at rest.
+"""
+
+import math
+
+import numpy as np
+
+from prefcal_env.jit import inner, kernel
+
+# --- The states after a time: one matrix exponential for each length, kept for the episode.
+
+KEPT = 4096
+"""Places for matrices, of which half are used before all are forgotten."""
+PARTS = 2.0**42
+"""Parts of a sampling time to which lengths are rounded: what should be equal differs by less."""
+
+
+@inner()
+def _multiply(a, b, factor, one, out):  # type: ignore[no-untyped-def]
+    """Write factor a (one + b), where `one` is 1 for that and 0 for factor a b."""
+    n = len(a)
+    for i in range(n):
+        for j in range(n):
+            total = one * a[i, j]
+            for k in range(n):
+                total += a[i, k] * b[k, j]
+            out[i, j] = factor * total
+
+
+@inner()
+def _exponential(generator, t, out):  # type: ignore[no-untyped-def]
+    """Write the first rows of exp(generator t), a Taylor series that is squared again and again."""
+    n, largest, halvings = len(generator), 0.0, 0
+    for i in range(n):
+        total = 0.0
+        for j in range(n):
+            total += abs(generator[i, j]) * t
+        largest = max(largest, total)
+    while largest > 0.5 and halvings < 2000:
+        largest, halvings, t = largest / 2, halvings + 1, t / 2
+    change, other = np.zeros((n, n)), np.empty((n, n))
+    for k in range(14, 0, -1):  # the norm is below a half: the next term is below 1e-17
+        _multiply(generator, change, t / k, 1.0, other)
+        change, other = other, change
+    for _ in range(halvings):
+        # 1 + f, squared, is 1 + f (2 + f): without the 1, slow states beside fast ones keep their digits.
+        _multiply(change, change, 1.0, 2.0, other)
+        change, other = other, change
+    for i in range(len(out)):
+        for j in range(n):
+            out[i, j] = change[i, j] + (1.0 if i == j else 0.0)
+
+
+@inner()
+def _power(once, n, out):  # type: ignore[no-untyped-def]
+    """Write the first rows of a matrix to the power of `n`."""
+    result, factor, other = np.eye(len(once)), once.copy(), np.empty(once.shape)
+    while n > 0:
+        if n % 2:
+            _multiply(result, factor, 1.0, 0.0, other)
+            result, other = other, result
+        _multiply(factor, factor, 1.0, 0.0, other)
+        factor, other, n = other, factor, n // 2
+    for i in range(len(out)):
+        for j in range(len(once)):
+            out[i, j] = result[i, j]
+
+
+@inner()
+def _after(ago, plant, kept, x, a, out):  # type: ignore[no-untyped-def]
+    """Write the state `ago` after `x`, with `a` held; NaN if it overflows."""
+    generator, unit, dt = plant
+    keys, matrices, count = kept
+    key = np.int64(math.floor(ago / dt + 1e-6)) if dt > 0 else np.int64(math.floor(ago / unit + 0.5))
+    first = ((key * 0x1E3779B97F4A7C15) >> 24) & (KEPT - 1)
+    place = first
+    while keys[place] >= 0 and keys[place] != key:
+        place = (place + 1) & (KEPT - 1)
+    if keys[place] < 0:
+        if count[0] >= KEPT // 2:
+            for i in range(KEPT):
+                keys[i] = -1
+            count[0], place = 0, first
+        keys[place], count[0] = key, count[0] + 1
+        if dt > 0:
+            _power(generator, key, matrices[place])
+        else:
+            _exponential(generator, key * unit, matrices[place])
+    matrix, n = matrices[place], len(x)
+    for i in range(n):
+        total = 0.0
+        for j in range(n):
+            total += matrix[i, j] * x[j]
+        for j in range(len(a)):
+            total += matrix[i, n + j] * a[j]
+        out[i] = total
+
+
+# --- Dead time: a period is divided where a delayed input changes, as in `DeadTime`.
+
+
+@inner()
+def _last(times, count, t):  # type: ignore[no-untyped-def]
+    """Return the index of the last of the first `count` increasing times that is not after `t`."""
+    low, high = 0, count
+    while low < high:
+        middle = (low + high) // 2
+        if times[middle] <= t:
+            low = middle + 1
+        else:
+            high = middle
+    return low - 1
+
+
+@inner()
+def _cuts(memory, delays, start, end, out):  # type: ignore[no-untyped-def]
+    """Write `start`, when a delayed input changes until `end`, and `end`; return how many."""
+    times, count, tolerance = memory[0], memory[2][0], 1e-10 * (end - start)
+    out[0], found = start, 1
+    for i in range(len(delays)):
+        for k in range(max(_last(times, count, start + tolerance - delays[i]) + 1, 1), count):
+            t = times[k] + delays[i]
+            if t >= end - tolerance:
+                break
+            place = found
+            while out[place - 1] > t:
+                place -= 1
+            # Two inputs may change at the same instant but for rounding, and no interval is that short.
+            near = t - out[place - 1] <= tolerance or (place < found and out[place] - t <= tolerance)
+            if near or found > len(out) - 2:
+                continue
+            for later in range(found, place, -1):
+                out[later] = out[later - 1]
+            out[place], found = t, found + 1
+    out[found] = end
+    return found + 1
+
+
+@inner()
+def _seen(t, tolerance, delays, outputs, plant, kept, spans, x, y):  # type: ignore[no-untyped-def]
+    """Write the outputs as seen at `t`, each from as long ago as its delay."""
+    C, D, offsets = outputs
+    since, states, acting, rows, count = spans
+    k = 0
+    for i in range(len(delays)):
+        if i == 0 or delays[i] != delays[i - 1]:
+            k = _last(since, count[0], t - delays[i] + tolerance)
+            ago = t - delays[i] - since[k]
+            _after(ago if tolerance < ago < math.inf else 0.0, plant, kept, states[k], acting[k], x)
+        y[i] = offsets[rows[k], i]
+        for j in range(len(x)):
+            y[i] += C[i, j] * x[j]
+        for j in range(acting.shape[1]):
+            y[i] += D[i, j] * acting[k, j]
+
+
+@inner()
+def _outputs(x, u, k, outputs, shifts, y):  # type: ignore[no-untyped-def]
+    """Write the outputs without dead time, with what is held in period `k`."""
+    C, D, offsets = outputs
+    for i in range(len(y)):
+        y[i] = offsets[k, i]
+        for j in range(len(x)):
+            y[i] += C[i, j] * x[j]
+        for j in range(shifts.shape[1]):
+            y[i] += D[i, j] * (shifts[k, j] + (u[j] if j < len(u) else 0.0))
+
+
+@inner()
+def _hold(part, end, now, u, k, row, dense, loop):  # type: ignore[no-untyped-def]
+    """Hold u from the start of a part until `end`, from the state `now`, which becomes that of the end.
+
+    Write the states at the dense instants from `row` on; return the first one after `end`.
+    """
+    (t, x), (delays, shifts, plant, kept, memory, spans) = dense, loop
+    (since, states, acting, rows, count), (times, values, given) = spans, memory
+    tolerance, cuts = 1e-10 * (end - part), np.empty(len(times) + 2)
+    times[given[0]] = part
+    for i in range(len(u)):
+        values[given[0], i] = u[i]
+    given[0] += 1
+    for piece in range(1, _cuts(memory, delays, part, end, cuts)):
+        a, b, s = cuts[piece - 1], cuts[piece], count[0]
+        since[s], rows[s], count[0] = a, k, s + 1
+        for j in range(len(now)):
+            states[s, j] = now[j]
+        for j in range(shifts.shape[1]):
+            acting[s, j] = shifts[k, j]
+            if j < len(delays):  # each input as it was its delay ago
+                acting[s, j] += values[_last(times, given[0], a + tolerance - delays[j]), j]
+        while row < len(t) and t[row] <= b:
+            _after(t[row] - a, plant, kept, states[s], acting[s], x[row])
+            row += 1
+        _after(b - a, plant, kept, states[s], acting[s], now)
+    return row
+
+
+# --- Controllers and actuators.
+
+
+@inner()
+def _clip(v, low, high):  # type: ignore[no-untyped-def]
+    """Return v within its limits; NaN if any of them is."""
+    return math.nan if v != v or low != low or high != high else min(max(v, low), high)
+
+
+@inner()
+def _step(p, m, r, y, applied):  # type: ignore[no-untyped-def]
+    """Return what `PID.step` does, with its parameters `p` and its memory `m`."""
+    K_p, b, c, low, high = p[0], p[1], p[2], p[3], p[4]
+    integral, pole, rise, tracking, integrates = p[5], p[6], p[7], p[8], p[9]
+    if r != r:
+        m[0], m[4] = 0.0, applied
+        return applied
+    if m[0] == 0.0:
+        m[0], m[1], m[2], m[5], m[6] = 1.0, applied - K_p * (b * y - y), 0.0, y, y
+    elif integrates == 1.0:
+        m[1] += integral * (m[5] - m[6])
+        m[1] += tracking * (applied - m[3])
+    change = (c * r - y) - (c * m[5] - m[6])
+    m[5], m[6], m[2] = r, y, pole * (m[2] + rise * change)
+    m[3] = K_p * (b * r - y) + m[1] + m[2]
+    m[4] = m[3] if m[3] != m[3] else min(max(m[3], low), high)
+    return m[4]
+
+
+@inner()
+def _decide(y, r, u, pids, wear, limits, v):  # type: ignore[no-untyped-def]
+    """Write the next inputs; return whether they are numbers. Otherwise the last ones stay."""
+    parameters, channels, memory = pids
+    grain, play, command, commanded = wear
+    low, high, move = limits
+    for i in range(len(u)):
+        v[i] = u[i]
+        if commanded[0] == 1.0:  # see `Worn._seen`
+            v[i] = _clip(_clip(command[i], u[i] - play[i], u[i] + play[i]), low[i], high[i])
+    for k in range(len(parameters)):
+        i, j = channels[k, 0], channels[k, 1]
+        seen = np.rint(y[i] / grain[i]) * grain[i] if grain[i] > 0 else y[i]
+        v[j] = _step(parameters[k], memory[k], r[i], seen, v[j])
+    usable = True
+    for i in range(len(u)):
+        if commanded[0] >= 0.0:
+            command[i] = v[i]
+            v[i] = _clip(u[i], v[i] - play[i], v[i] + play[i])
+        usable = usable and v[i] == v[i]
+    if commanded[0] == 0.0:
+        commanded[0] = 1.0
+    for i in range(len(u)):
+        v[i] = min(max(v[i] if usable else u[i], max(low[i], u[i] - move[i])), min(high[i], u[i] + move[i]))
+    return usable
+
+
+@inner()
+def _actuate(u, reached, farthest, duration, lag, steps, parts):  # type: ignore[no-untyped-def]
+    """Move the actuators as `PlantEnv._move_actuators`; return until when the first of two parts acts, or 0.
+
+    `parts` are what acts at first, then, and in the mean.
+    """
+    straight, sudden, little = steps
+    r, small = duration / lag if lag > 0.0 else math.inf, True
+    left = math.exp(-r)
+    for i in range(len(u)):
+        farthest[i] = max(farthest[i], abs(reached[i] - u[i]))
+        small = small and abs(reached[i] - u[i]) <= little * farthest[i]
+    m0, m1, m2 = (1 - left) / r, (1 - (1 + r) * left) / r**2, (2 - (2 + 2 * r + r * r) * left) / r**3
+    second = (3 * m2 * m0 - 4 * m1 * m1) / (m0 - 4 * m1 + 3 * m2)
+    until, straight = (2 * m1 - second) / (m0 - second), small or not straight < r < sudden
+    for i in range(len(u)):
+        missing = reached[i] - u[i] if lag > 0.0 else 0.0
+        mean = -math.expm1(-r) / r
+        reached[i], parts[2, i] = u[i] + missing * left, u[i] + missing * mean
+        parts[0, i] = u[i] + missing * (mean if straight else second + (m0 - second) / until)
+        parts[1, i] = u[i] + missing * second
+    return 0.0 if straight else until * duration
+
+
+# --- The episode.
+
+
+@inner()
+def _write_instants(start, end, grid, row, t):  # type: ignore[no-untyped-def]
+    """Write the instants after `start` that are recorded from `row` on, as `instants`; return how many."""
+    close, first = 1e-9 * grid, row
+    for k in range(math.floor((start + close) / grid) + 1, math.ceil((end - close) / grid)):
+        t[row] = k * grid
+        row += 1
+    t[row] = end
+    return row + 1 - first
+
+
+@inner()
+def _simulate(at, after, dense, k, split, parts, loop):  # type: ignore[no-untyped-def]
+    """Write the states of period `k` in the rows after `at`, in two parts if `split` is not 0.
+
+    Return whether all are finite.
+    """
+    t, x = dense
+    now, row, part, finite = x[at].copy(), at + 1, t[at], True
+    for which in range(1 if split == 0.0 else 2):
+        end = t[after] if split == 0.0 or which == 1 else t[at] + split
+        row = _hold(part, end, now, parts[which], k, row, dense, loop)
+        part = end
+    for row in range(at + 1, after + 1):
+        for j in range(x.shape[1]):
+            finite = finite and abs(x[row, j]) < math.inf
+    return finite
+
+
+@kernel()
+def run(  # type: ignore[no-untyped-def]
+    plant, outputs, times, signals, delays, limits, lag, pids, wear, room, found
+):
+    """Run the episode, and return the number of steps; it ends where a state is not finite.
+
+    Written to `found` are all instants, with x and y, then of each step its number of instants, u, its
+    success, and y at its end. See `linear_run.linear_run` for the other arguments.
+    """
+    (ends, grid), (refs, noise, shifts), (dead, late, seen, delayed) = times, signals, delays
+    (slow, sizes), (kept, memory, spans), (t, x, y, lengths, u_control, usable, y_end) = lag, room, found
+    u, state, measured = memory[1][0], np.empty(x.shape[1]), np.empty(y.shape[1])
+    reached, farthest, parts = u.copy(), np.zeros(len(u)), np.zeros((3, len(u)))
+    loop, dense, tolerance, at = (dead, shifts, plant, kept, memory, spans), (t, x), 0.0, 0
+    for k in range(len(lengths)):
+        if delayed:
+            _seen(ends[k], tolerance, seen, outputs, plant, kept, spans, state, measured)
+        else:
+            _outputs(x[at], reached, k, outputs, shifts, measured)
+        for i in range(len(measured)):
+            measured[i] += noise[k, i]
+        usable[k] = _decide(measured, refs[k], u, pids, wear, limits, u_control[k])
+        u = u_control[k]
+        lengths[k] = _write_instants(ends[k], ends[k + 1], grid, at + 1, t)
+        after = at + lengths[k]
+        split = _actuate(u, reached, farthest, t[after] - t[at], slow, sizes, parts)
+        finite = _simulate(at, after, dense, k, split, parts, loop)
+        tolerance = 1e-10 * (t[after] - t[at])
+        for row in range(at, after + 1):
+            out = y[row] if row < after else y_end[k]
+            if delayed:
+                _seen(t[row], tolerance, late, outputs, plant, kept, spans, state, out)
+            else:
+                _outputs(x[row], parts[2], k, outputs, shifts, out)
+        at = after
+        if not finite:
+            return k + 1
+    return len(lengths)
