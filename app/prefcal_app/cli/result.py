@@ -40,7 +40,6 @@ def record_of(interview: Interview, options: Options, references: Mapping[str, E
         shown = {index: interview.past.experiment(index) for index in waiting}
     then, today = _fingerprints(options, state)
     agent = state.configuration["agent"]
-    nominal = interview.known.nominal(now.incumbent)
     winners = state.history.incumbents()  # after each closed query; the last is the best now
     # What prefcal says of the result comes when it is ready, which is nothing that anybody did.
     times = [each.at for each in events if not isinstance(each.event, Concluded)]
@@ -69,9 +68,14 @@ def record_of(interview: Interview, options: Options, references: Mapping[str, E
         fingerprint=then if then == today else f"{then}; its files have changed since, now {today}",
         by=options.by or "",
         kept=kept_on_plant(state),
-        robust=robust_study(interview.known.findings, interview.scenario, nominal) if options.robust else (),
+        robust=_robust(interview) if options.robust else (),
         digest=interview.file.digest if options.by_a_person and interview.file.path != IN_MEMORY else "",
     )
+
+
+def _robust(interview: Interview) -> tuple[str, ...]:
+    known, best = interview.known, interview.now().incumbent
+    return robust_study(known.findings, interview.scenario, known.nominal(best))
 
 
 def _fingerprints(options: Options, state: State) -> tuple[str, str]:

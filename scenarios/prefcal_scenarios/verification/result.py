@@ -712,6 +712,17 @@ def _next(found: Verification, scenario: Scenario, robust: bool) -> tuple[str, .
     """Return what to do next if some run fails, a text each."""
     if not found.failed:
         return ()
+    alone = f"if nothing but {found.stated} counts, verify that alone, with --range task=0"
+    every = (
+        found.limiting,
+        alone if found.holds_as_stated else "",
+        _another(found, scenario, robust) if scenario.simulated else "",
+    )
+    return (*filter(None, every), *found.advice)
+
+
+def _another(found: Verification, scenario: Scenario, robust: bool) -> str:
+    """Return which other tuning to look for, or what else to change."""
     tried, change = found.others, _SMALLER if found.limiting else "change the controller"
     if breakable(found.kpis):
         change = f"{change} or relax the limit"
@@ -744,13 +755,7 @@ def _next(found: Verification, scenario: Scenario, robust: bool) -> tuple[str, .
             f"look for one that holds on other plants{hold}: repeat the command of the study with {start}; "
             "with --taste and the name of a saved study, your answers count there"
         )
-    alone = f"if nothing but {found.stated} counts, verify that alone, with --range task=0"
-    every = (
-        (found.limiting, bool(found.limiting)),
-        (alone, found.holds_as_stated),
-        (first, scenario.simulated),
-    )
-    return (*(words for words, said in every if said), *found.advice)
+    return first
 
 
 def _kpi_row(kpi: KPI, tunings: list[Robustness]) -> tuple[str, ...]:

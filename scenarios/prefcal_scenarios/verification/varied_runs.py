@@ -188,15 +188,11 @@ def verify(
     if not (verified.failed and len(made) == len(cases)):
         return verified
     verified = replace(verified, as_stated=tuple(_as_stated(found, known, verified, many)))
-    if not found.simulated:
-        return verified
-    thetas, rivals = _rivals(verified, found, noise)
-    done = many(Variations(known.at, thetas, rivals))
-    return replace(verified, others=_count_rivals(found, verified, rivals, done))
+    return replace(verified, others=_others(found, known, verified, noise, many))
 
 
 def _as_stated(
-    scenario: Scenario, known: Varied, verified: Verification, many: "Callable[[Variations], list[HasKPIs]]"
+    scenario: Scenario, known: Varied, verified: Verification, many: "_Many"
 ) -> Iterator[VerifiedRun]:
     """Yield the random runs that failed with the task as stated, and if all of these hold, the others.
 
@@ -288,6 +284,10 @@ class Variations(Source):
         made = check_returned(self._at(case.values).run(self._thetas[case.which].copy(), seed=case.seed))
         # Of many runs, only KPIs come back from other processes.
         return made.with_kpis({**made.kpis, _LIMITED + limiting_input(made): 1.0}) if self._noted else made
+
+
+_Many = Callable[[Variations], list[HasKPIs]]
+"""Function that returns the results of all cases, or of fewer after Ctrl-C."""
 
 
 def _scenario(given: Any, theta: Float[np.ndarray, " n"]) -> Scenario:
@@ -428,6 +428,16 @@ def _run(scenario: Scenario, nominal: VerifiedRun, case: _Case, result: HasKPIs)
     kpis = {name: value for name, value in result.kpis.items() if not name.startswith(_LIMITED)}
     limiting = "".join(name.removeprefix(_LIMITED) for name in result.kpis if name not in kpis)
     return VerifiedRun(case.values, case.seed, result.end, kpis, problems, limiting)
+
+
+def _others(
+    scenario: Scenario, known: Varied, verified: Verification, seed: int, many: _Many
+) -> Others | None:
+    """Return how other tunings fare; None if a run is no simulation, or some are missing."""
+    if not scenario.simulated:
+        return None
+    thetas, cases = _rivals(verified, scenario, seed)
+    return _count_rivals(scenario, verified, cases, many(Variations(known.at, thetas, cases)))
 
 
 def _rivals(verified: Verification, found: Scenario, seed: int) -> tuple[list[Theta], tuple[_Case, ...]]:
