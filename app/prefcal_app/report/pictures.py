@@ -290,7 +290,7 @@ def _rest(blocks: Sequence[_Block]) -> list[str]:
     if not cut:
         return []
     end = max(run.t[-1] for run in cut if len(run.t))
-    return [f"Shown of {quantity(end, cut[0].channels.time_unit)}; the rest hardly moves."]
+    return [f"Of {quantity(end, cut[0].channels.time_unit)}, what is not shown hardly moves."]
 
 
 def _windows(panels: Sequence[Plot], runs: Sequence[Experiment]) -> Sequence[tuple[float, float] | None]:

@@ -116,4 +116,4 @@ def test_a_slow_study_is_drawn_where_it_moves(draw):
     assert 50 < step[1] < 300  # it settles to 5 % after about 60 s, and 2 % after the load of 14,400 s
     assert load[0] < 14_400 < load[1] < 14_700
     assert set(found[1].values()) == {"time [s]"}
-    assert drawn.get_supxlabel() == "Shown of 28800 s; the rest hardly moves."
+    assert drawn.get_supxlabel() == "Of 28800 s, what is not shown hardly moves."
