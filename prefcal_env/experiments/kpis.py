@@ -442,8 +442,13 @@ class KPI:
         return bool(self.at_least <= self.read(value) <= self.at_most)
 
     def met_by(self, experiment: Experiment) -> bool | None:
-        """Return whether an experiment meets the objective; None without one or a value."""
+        """Return whether an experiment meets the objective; None without one or a value.
+
+        An unstable loop does not, whether or not its margin has one.
+        """
         value = experiment.kpis.get(self.name)
+        if self.margin and value == (np.inf if self.goal == "lower" else 0.0):
+            return False
         return None if value is None else self.met(value)
 
 

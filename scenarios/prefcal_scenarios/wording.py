@@ -86,6 +86,8 @@ def value_text(kpi: KPI, value: float | None, time_unit: str) -> str:
 
 def read_text(kpi: KPI, read: float | None, time_unit: str) -> str:
     """Return what is read of a KPI as text, as `value_text` does; see `comparable`."""
+    if kpi.margin and read == inf and kpi.goal == "lower":
+        return "unstable"
     return "never" if read == inf and kpi.unit == time_unit else number(read)
 
 

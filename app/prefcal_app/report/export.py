@@ -36,7 +36,7 @@ from prefcal_scenarios.own import file_in, files_of, fingerprint, joined_source,
 from prefcal_scenarios.scenario import Scenario, with_ranges
 from prefcal_scenarios.wording import MISSING, number, with_unit
 
-from .record import StudyRecord, refuse_outdated
+from .record import StudyRecord, refuse_outdated, written_as
 
 FORMAT = 1
 """Format of best.json."""
@@ -108,7 +108,9 @@ def best_as_json(record: StudyRecord) -> str:
         "study": {**record.settings, **record.agent_settings},
         "versions": versions(),
     }
-    return json.dumps(jsonable(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    content = jsonable(content)
+    content["written as"] = written_as(content)
+    return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def _channels(channels: Channels) -> dict[str, Any]:

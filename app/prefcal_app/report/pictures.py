@@ -36,7 +36,16 @@ from prefcal_scenarios.style import (
     png,
     style,
 )
-from prefcal_scenarios.wording import knob_axis, knob_number, labeled, mathtext, measured, number, theta_text
+from prefcal_scenarios.wording import (
+    knob_axis,
+    knob_number,
+    labeled,
+    mathtext,
+    measured,
+    number,
+    quantity,
+    theta_text,
+)
 
 from .record import StudyRecord, foremost_kpis
 
@@ -140,7 +149,7 @@ def figure(
                 heading = part if curve is pair[0] else ""
                 blocks.append(_Block(heading, rows, [replace(curve, experiment=run)], window, own))
     with style():
-        said = wrap(below, _WIDE)
+        said = [*_rest(blocks), *wrap(below, _WIDE)]
         height = 0.8 + 1.75 * sum(len(b.rows) for b in blocks) / 2 + 0.2 * len(said)
         drawn, tops = _drawn(blocks, 2, height)
         up = 15 if any(parts) else 0  # above the name of the first maneuver
@@ -194,6 +203,8 @@ def overlaid(
     each = 1.75 if len(parts) == 1 else 1.6
     height = 0.75 + each * count if np.isinf(most) else min(most, 0.8 + 2.2 * count)
     figure, tops = _drawn(blocks, across, height, width, short=len(parts) > 1)
+    if said := _rest(blocks):
+        figure.supxlabel(said[0], x=0.01, ha="left", fontsize=9)
     fullest = max(range(len(blocks)), key=lambda i: len(blocks[i].curves))
     legend(figure, tops[fullest], len(curves))
     return figure
@@ -270,9 +281,16 @@ def _fill(axes: Sequence[Axes], block: _Block, *, short: bool) -> None:
         place.margins(x=0.01)
     axes[-1].set_xlabel(labeled("time", block.curves[0].experiment.channels.time_unit))
     if block.window is not None:
-        end = max(curve.experiment.t[-1] for curve in block.curves if len(curve.experiment.t))
-        axes[-1].set_xlabel(f"{axes[-1].get_xlabel()} · of {number(end)}; the rest hardly moves")
         axes[-1].set_xlim(block.window)
+
+
+def _rest(blocks: Sequence[_Block]) -> list[str]:
+    """Return a line that says what of the time is not drawn; none if all of it is."""
+    cut = [curve.experiment for block in blocks if block.window for curve in block.curves]
+    if not cut:
+        return []
+    end = max(run.t[-1] for run in cut if len(run.t))
+    return [f"Of {quantity(end, cut[0].channels.time_unit)}, what is not shown hardly moves."]
 
 
 def _windows(panels: Sequence[Plot], runs: Sequence[Experiment]) -> Sequence[tuple[float, float] | None]:

@@ -161,8 +161,14 @@ def identity_of(file: StudyFile) -> str:
     return sha256(f"{at}\n{to_text(first.event)}".encode()).hexdigest()[:16]
 
 
+def written_as(content: Mapping[str, Any]) -> str:
+    """Return a fingerprint of θ and settings in a best.json, in 16 hexadecimal digits."""
+    said = [[*content["theta"].items()], content["settings"]]
+    return sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()[:16]
+
+
 def refuse_outdated(best: Path, content: Mapping[str, Any]) -> None:
-    """Refuse a best.json that is not the best of its study any more.
+    """Refuse a best.json that is not the best of its study any more, or was changed by hand.
 
     The study itself says which one that is. One that is not here, or cannot be read, says nothing.
 
@@ -171,10 +177,16 @@ def refuse_outdated(best: Path, content: Mapping[str, Any]) -> None:
         content: What is in it.
 
     Raises:
-        StaleError: If the best of the study is another one.
+        StaleError: If the best of the study is another one, or θ or the settings are not those written.
     """
     owner = _read(best.parent / MARKER)
     name = owner.get("study") or content.get("origin", {}).get("study")
+    if content.get("written as", written := written_as(content)) != written:
+        how = f": {_anew(best, str(name), bool(owner))}" if name else ""
+        raise StaleError(
+            f"{str(best)!r} was changed by hand: theta and settings are not those of experiment "
+            f"{content.get('experiment')} any more. Write it anew{how}"
+        )
     above, theta = best.resolve().parent, np.array(list(content["theta"].values()))
     with suppress(StudyError, StopIteration):
         places = (place / study_path(str(name)) for place in (Path(), above, *above.parents))

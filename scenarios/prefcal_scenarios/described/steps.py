@@ -317,39 +317,46 @@ def _task(plant: Plant, found: Design) -> Task:
 
 
 class RunsAway:
-    """Function of a state that tells whether an output has run away or a state left its limits.
+    """Function of a state that tells whether an output has run away, or an output or state left its limits.
 
     Args:
         plant: Plant.
-        design: What was chosen for it. States that start at or beyond a limit have none.
+        design: What was chosen for it. What starts at or beyond a limit has none.
     """
 
     def __init__(self, plant: Any, design: Design) -> None:
         self._plant, self._point = plant, design.point
-        self._limits = [
-            (k, c.low, c.high)
-            for k, (c, start) in enumerate(zip(plant.states, design.point.x, strict=True))
-            if c.low < start < c.high and (np.isfinite(c.low) or np.isfinite(c.high))
-        ]
-        self._outputs = [(loop.output, loop.start, _AWAY * abs(loop.step)) for loop in design.loops]
+        at = design.point
+        starts = plant.g(at.x, at.u, at.d)
+        self._limits = _within(plant.states, at.x)
+        self._outputs = _within(plant.outputs, starts)
+        for loop in design.loops:
+            reach = _AWAY * abs(loop.step)
+            self._outputs.append((loop.output, loop.start - reach, loop.start + reach))
         self.vectorized = isinstance(plant, LinearPlant)
         """Whether it takes M states at once, as columns."""
 
     def __call__(self, x: Float[np.ndarray, " *M"]) -> Any:
         """Return whether the experiment ends."""
         if self.vectorized:
-            away = np.zeros(x.shape[1:], dtype=bool)
-            for k, low, high in self._limits:
-                away |= (x[k] < low) | (x[k] > high)
             rest = self._plant.g(np.zeros(len(x)), self._point.u, self._point.d)
-            for k, start, reach in self._outputs:
-                away |= np.abs(self._plant.system.C[k] @ x + rest[k] - start) > reach
+            seen = {k: self._plant.system.C[k] @ x + rest[k] for k, _, _ in self._outputs}
+            away = np.zeros(x.shape[1:], dtype=bool)
+            for values, limits in ((x, self._limits), (seen, self._outputs)):
+                for k, low, high in limits:
+                    away |= (values[k] < low) | (values[k] > high)
             return away
         # A few numbers at every instant: faster than array operations.
         if not all(low <= x[k] <= high for k, low, high in self._limits):
             return True
         y = self._plant.g(x, self._point.u, self._point.d).tolist()
-        return any(abs(y[k] - start) > reach for k, start, reach in self._outputs)
+        return not all(low <= y[k] <= high for k, low, high in self._outputs)
+
+
+def _within(channels: Sequence[Channel], starts: Float[np.ndarray, " n"]) -> list[tuple[int, float, float]]:
+    """Return number and limits of the channels that have some and start within them."""
+    found = [(k, c.low, c.high) for k, c in enumerate(channels) if c.low < starts[k] < c.high]
+    return [(k, low, high) for k, low, high in found if np.isfinite(low) or np.isfinite(high)]
 
 
 def _panels(plant: Plant, found: Design) -> tuple[Panel, ...]:

@@ -2,7 +2,7 @@
 
 import json
 import shlex
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -795,8 +795,15 @@ def _margin_rows(found: Sequence[Margins | str], time_unit: str) -> Iterator[tup
     ):
         for place in ("start", "target") if moved else ("",):
             there = (m.target or m if isinstance(m, Margins) and place == "target" else m for m in found)
-            cells = (read(m) if isinstance(m, Margins) else number(None) for m in there)
+            cells = (_margin(m, read) for m in there)
             yield labeled(f"{name} at the {place}" if place else name, unit), *cells
+
+
+def _margin(m: Margins | str, read: Callable[[Margins], str]) -> str:
+    """Return what is read of margins as text; an unstable loop has none."""
+    if isinstance(m, str):
+        return number(None)
+    return "✗ unstable" if m == UNSTABLE else read(m)
 
 
 def _gain_margin(m: Margins) -> str:

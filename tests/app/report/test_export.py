@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +18,11 @@ from prefcal_app.report.export import (
     model,
     tuning_of,
 )
+from prefcal_app.report.record import written_as
 from prefcal_env import LQR, PID, LinearMPC, MPCSettings, Plant
 from prefcal_env.controllers import as_code, as_data
 from prefcal_env.disk import digest_of
-from prefcal_env.errors import ScenarioError, SettingsError
+from prefcal_env.errors import ScenarioError, SettingsError, StaleError
 from prefcal_env.experiments.experiment import Channel, Channels, Measurement
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.names import CLOSED_LOOPS
@@ -35,7 +37,9 @@ def best(tmp_path):
 
 
 def changed(path, **changes):
+    """Write other content, as a version that took no fingerprint of it would have."""
     content = json.loads(path.read_text("utf-8")) | changes
+    content.pop("written as", None)
     path.write_text(json.dumps(content), encoding="utf-8")
     return path
 
@@ -170,6 +174,24 @@ def test_other_settings_than_todays_are_refused_unless_wanted(best):
 def test_a_best_json_that_does_not_fit_is_refused(best, changes, error, words):
     with pytest.raises(error, match=words):
         load_controller(changed(best, **changes))
+
+
+@pytest.mark.parametrize("key", ["theta", "settings"])
+@pytest.mark.parametrize("use", [tuning_of, partial(export_controller, to="st")])
+def test_theta_and_settings_that_were_changed_by_hand_are_not_used(best, use, key):
+    content = json.loads(best.read_text("utf-8"))
+    best.write_text(json.dumps(content, indent=4), encoding="utf-8")  # laid out anew, but the same
+    if use is tuning_of:
+        use(best)
+    content[key]["T_s"] = content[key]["T_s"] * 0.9
+    best.write_text(json.dumps(content), encoding="utf-8")
+    with pytest.raises(StaleError, match=r"best\.json' was changed by hand: theta and settings are not"):
+        use(best)
+
+
+def test_what_is_written_is_read_again(best):
+    content = json.loads(best.read_text("utf-8"))
+    assert content["written as"] == written_as(content)
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", "not json"])

@@ -572,3 +572,25 @@ def test_what_hides_in_matrices_stays_and_is_named_where_no_controller_is_found(
     A, B, C, D = signal.tf2ss([3, 1.5, 0], [9, 6, 4, 1.5, 0])
     with pytest.raises(ScenarioError, match=r"poles at s = .* a zero cancels 1"):
         pid_scenario(Plant.of((A, B, C, D)))
+
+
+@pytest.mark.parametrize(
+    ("limits", "end"),
+    [
+        ({}, End.TIME_UP),
+        ({"high": 104.0}, End.UNSAFE),
+        ({"high": 110.0}, End.TIME_UP),
+        ({"low": 90.0}, End.TIME_UP),
+    ],
+)
+def test_an_output_of_a_transfer_function_that_leaves_its_limits_ends_the_run(limits, end):
+    T = Channel("T", "°C", **limits)  # it starts at 80 and overshoots its reference by 5.9
+    plant = Plant.of(([1.6], [40.0, 1.0]), delay=7.0, inputs=[Channel("valve", "%", 0, 100)], outputs=[T])
+    scenario = pid_scenario(plant, reference={"T": 100.0})
+    made = scenario.run(scenario.references["robust"])
+    assert made.end is end
+    y = made.output(0)
+    if end is End.UNSAFE:
+        assert y[-1] > 104.0 >= y[:-1].max()
+    else:
+        assert y.max() == pytest.approx(105.9, abs=0.1)

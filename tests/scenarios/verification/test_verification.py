@@ -44,6 +44,7 @@ from prefcal_scenarios.verification.result import (
     margins_said,
 )
 from prefcal_scenarios.verification.varied_runs import Perturbed, runs_kept
+from prefcal_scenarios.wording import measured
 from support.varied_loops import (
     assert_it_starts_at_rest_where_the_study_does,
     assert_without_a_variation_the_run_is_that_of_the_study,
@@ -416,6 +417,12 @@ def test_usual_margins_are_offered_where_none_is_limited_and_an_unstable_loop_is
     assert verdicts[2] == "The nominal loop is not stable: it has no margins."
     (M_s,) = (kpi for kpi in scenario.kpis if kpi.margin)
     assert (M_s.name, M_s.at_most) == ("M_s", 2.0)
+    rows, _ = margins_said([found.tuning.margins], "s")
+    assert [row[1] for row in rows] == 5 * ["✗ unstable"]  # not 0 dB, 0 s and so on
+    (free,) = (kpi for kpi in loose.kpis if kpi.margin)
+    swinging, calm = (loose.run(theta * [factor, 1, 1, 1]) for factor in (5.0, 1.0))
+    assert (free.met_by(swinging), measured(free, swinging)) == (False, "unstable")
+    assert free.met_by(calm) is None  # no limit is stated
 
 
 def test_margins_of_a_plant_that_is_not_linear_are_those_of_the_target_too():
