@@ -170,8 +170,7 @@ def verify(
     thetas = [found.space.check(np.asarray(each, dtype=float)) for each in (theta, start) if each is not None]
     found, known = _with_kpis(found, thetas[0], noise, timeout), _varied(found)
     factors, fixed = _within(known.factors, ranges or {})
-    tunings = list(_nominally(found, known, thetas, noise, timeout))
-    factors, unfair = _fair(found, known, factors, tunings[0], timeout)
+    tunings, factors, unfair = _nominally(found, known, thetas, factors, noise, timeout)
     cases = tuple(_cases(factors, len(tunings), runs, seed, noise))
     if jobs is None and timeout is None and _seconds(found, thetas[0], clock) * len(cases) <= _QUICK:
         jobs = 1
@@ -340,29 +339,33 @@ def _experiments(varied: Variations, timeout: float | None) -> list[Experiment]:
 
 
 def _nominally(
-    scenario: Scenario, known: Varied, thetas: list[Float[np.ndarray, " n"]], seed: int, timeout: float | None
-) -> Iterator[Robustness]:
-    """Yield how tunings do without variation, with their margins."""
-    for theta, made in zip(thetas, _experiments(_as_it_is(scenario, thetas, seed), timeout), strict=True):
-        problems = problems_of(scenario.kpis, made, None)
-        run = VerifiedRun({}, seed, made.end, made.kpis, problems, limiting_input(made))
-        yield Robustness(theta, run, margins_at(known, theta), time_unit=made.channels.time_unit)
+    scenario: Scenario,
+    known: Varied,
+    thetas: list[Float[np.ndarray, " n"]],
+    factors: tuple[Factor, ...],
+    seed: int,
+    timeout: float | None,
+) -> tuple[list[Robustness], tuple[Factor, ...], list[LeftOut]]:
+    """Return how tunings do without variation, with their margins, and the factors that vary, or do not.
 
-
-def _fair(
-    scenario: Scenario, known: Varied, factors: tuple[Factor, ...], tuning: Robustness, timeout: float | None
-) -> tuple[tuple[Factor, ...], list[LeftOut]]:
-    """Return the factors without those of two values that the nominal plant cannot stand either.
-
-    A room that only cools by itself settles late after a step down, whatever its controller.
+    Factors of two values that the nominal plant cannot stand either do not: a room that only cools by
+    itself settles late after a step down, whatever its controller.
     """
-    said, nominal = dict[str, str](), tuning.nominal
-    for factor in (factor for factor in factors if factor.ends):
-        case = _Case(0, {factor.name: factor.low}, nominal.seed)
-        (made,) = _experiments(Variations(known.at, [tuning.theta], [case]), timeout)
-        if problems := set(problems_of(scenario.kpis, made, nominal)) - set(nominal.problems):
+    # All in one process: to start another one takes longer than most runs.
+    turned = [factor for factor in factors if factor.ends]
+    cases = [_Case(k, {}, seed) for k in range(len(thetas))]
+    cases += [_Case(0, {factor.name: factor.low}, seed) for factor in turned]
+    made = _experiments(Variations(lambda v: known.at(v) if v else scenario.source, thetas, cases), timeout)
+    tunings, said = list[Robustness](), dict[str, str]()
+    for theta, each in zip(thetas, made, strict=False):
+        problems = problems_of(scenario.kpis, each, None)
+        run = VerifiedRun({}, seed, each.end, each.kpis, problems, limiting_input(each))
+        tunings.append(Robustness(theta, run, margins_at(known, theta), time_unit=each.channels.time_unit))
+    nominal = tunings[0].nominal
+    for factor, each in zip(turned, made[len(thetas) :], strict=True):
+        if problems := set(problems_of(scenario.kpis, each, nominal)) - set(nominal.problems):
             said[factor.name] = f"turned, the nominal plant fails, too ({'; '.join(sorted(problems))})"
-    return tuple(factor for factor in factors if factor.name not in said), list(said.items())
+    return tunings, tuple(factor for factor in factors if factor.name not in said), list(said.items())
 
 
 def _seconds(scenario: Scenario, theta: Float[np.ndarray, " n"], clock: Callable[[], float]) -> float:
