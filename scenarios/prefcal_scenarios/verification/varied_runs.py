@@ -363,8 +363,8 @@ def _nominally(
         tunings.append(Robustness(theta, run, margins_at(known, theta), time_unit=each.channels.time_unit))
     nominal = tunings[0].nominal
     for factor, each in zip(turned, made[len(thetas) :], strict=True):
-        if problems := set(problems_of(scenario.kpis, each, nominal)) - set(nominal.problems):
-            said[factor.name] = f"turned, the nominal plant fails, too ({'; '.join(sorted(problems))})"
+        if new := set(problems_of(scenario.kpis, each, nominal)) - set(nominal.problems):
+            said[factor.name] = f"turned, the nominal plant fails, too ({'; '.join(sorted(new))})"
     return tunings, tuple(factor for factor in factors if factor.name not in said), list(said.items())
 
 
