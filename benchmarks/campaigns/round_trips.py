@@ -33,7 +33,7 @@ LOUD = 4.5  # standard deviations that noise adds to a largest value, at most
 
 
 @dataclass(frozen=True)
-class Case:
+class RoundTrip:
     """A run whose right values are known, in m and s."""
 
     kind: str
@@ -47,7 +47,7 @@ class Case:
     seed: int
 
     @classmethod
-    def of(cls, seed: int) -> "Case":
+    def of(cls, seed: int) -> "RoundTrip":
         """Draw a run."""
         rng = np.random.default_rng([51, seed])
         size = float(rng.choice([-1, 1]) * 10 ** rng.uniform(-2, 2))
@@ -154,7 +154,7 @@ def fmu_in(folder: Path) -> FMULoop:
     return FMULoop(path, knobs, ["y"], [], {"y": "ref"}, output_interval=0.05)
 
 
-def doors(case: Case, folder: Path) -> Iterator[tuple[str, Mapping[str, float]]]:
+def doors(case: RoundTrip, folder: Path) -> Iterator[tuple[str, Mapping[str, float]]]:
     """Yield the name of each door and the KPIs by it, in m and s."""
     t, y, r = case.sampled()
     long, slow = LENGTHS[case.length], TIMES[case.time]
@@ -170,7 +170,7 @@ def doors(case: Case, folder: Path) -> Iterator[tuple[str, Mapping[str, float]]]
     yield "look", run_from(folder / "run.csv", about).experiment.kpis
 
 
-def wrong(case: Case, folder: Path, fmu: FMULoop | None = None) -> Iterator[str]:
+def wrong(case: RoundTrip, folder: Path, fmu: FMULoop | None = None) -> Iterator[str]:
     """Yield each KPI that is not right by a door, in words."""
     found = dict(doors(case, folder))
     if fmu is not None and case.kind == "step" and not case.noise:
@@ -195,9 +195,9 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as place:
         fmu = fmu_in(Path(place)) if options.fmus else None
         for seed in track(range(options.count), "runs"):
-            complaints += wrong(Case.of(seed), Path(place))
+            complaints += wrong(RoundTrip.of(seed), Path(place))
             if seed < options.fmus:
-                complaints += wrong(Case.of(seed), Path(place), fmu)
+                complaints += wrong(RoundTrip.of(seed), Path(place), fmu)
         if fmu is not None:
             fmu.close()
     print(*complaints[:20], f"{options.count} runs by four doors: {len(complaints)} values wrong", sep="\n")

@@ -26,7 +26,7 @@ FOLDER, MEMBERS = 12, 20
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 
-class Row(NamedTuple):
+class Count(NamedTuple):
     """One number, its target, and the places that count."""
 
     what: str
@@ -50,16 +50,18 @@ def sources(*folders: Path) -> list[Path]:
     return [f for f in found if not f.name.endswith(".min.js")]  # plotly.js is not ours to read
 
 
-def sizes(imports: Any) -> Iterator[Row]:
+def sizes(imports: Any) -> Iterator[Count]:
     """Yield how much there is to read."""
     product = lines(sources(*imports.FOLDERS.values()))
     rest = lines(f for f in sources(BENCHMARKS) if BENCHMARKS / "tests" not in f.parents)
-    yield Row("source lines: five packages, scripts, page", product + rest, 52_000)
-    yield Row("source lines of the product, without benchmarks/", product, 42_000)
-    yield Row("lines of tests, without those of the benchmark", lines((ROOT / "tests").rglob("*.py")), 32_000)
+    yield Count("source lines: five packages, scripts, page", product + rest, 52_000)
+    yield Count("source lines of the product, without benchmarks/", product, 42_000)
+    yield Count(
+        "lines of tests, without those of the benchmark", lines((ROOT / "tests").rglob("*.py")), 32_000
+    )
 
 
-def ways(traces: Any) -> Iterator[Row]:
+def ways(traces: Any) -> Iterator[Count]:
     """Yield through how many files calls go, and how often they cross from one to another."""
     found = [
         (f"proposal {experiment}, {make.func.__name__}", traces.proposal(make, experiment), 20, 300)
@@ -72,14 +74,14 @@ def ways(traces: Any) -> Iterator[Row]:
         with tempfile.TemporaryDirectory() as folder:
             found += [(f"own KPI, file to screen, {name}", traces.own_kpi(Path(folder), agent), 30, 500)]
     for what, trace, files, crossings in found:
-        yield Row(f"{what}: files", trace.files, files)
-        yield Row(f"{what}: crossings", trace.crossings, crossings)
+        yield Count(f"{what}: files", trace.files, files)
+        yield Count(f"{what}: crossings", trace.crossings, crossings)
         if what.startswith("answer"):
-            yield Row(f"{what}: functions", trace.functions, 440)
-            yield Row(f"{what}: stack in the median", trace.stack, 12)
+            yield Count(f"{what}: functions", trace.functions, 440)
+            yield Count(f"{what}: stack in the median", trace.stack, 12)
 
 
-def parts(imports: Any) -> Iterator[Row]:
+def parts(imports: Any) -> Iterator[Count]:
     """Yield what there is to know, and what hides in functions."""
     package = BENCHMARKS / "prefcal_bench"
     files = [*(path for _, path in imports.FILES), *sorted(package.rglob("*.py"))]
@@ -88,26 +90,26 @@ def parts(imports: Any) -> Iterator[Row]:
     yield _counted("class names that exist twice", Counter(c.name for c in classes), 1, 8)
     members = Counter({f"{c.name}:{c.lineno}": len(public_members(c)) for c in classes})
     yield _counted(f"classes with more than {MEMBERS} public members", members, MEMBERS, 0)
-    yield Row("public names at the three doors", len(imports.public_names()), 60)
+    yield Count("public names at the three doors", len(imports.public_names()), 60)
     late = Counter({_name(path): late_imports(tree) for path, tree in trees.items()})
     worst = tuple(f"{path} {count}" for path, count in late.most_common() if count)
-    yield Row("imports inside functions", late.total(), 120, worst)
+    yield Count("imports inside functions", late.total(), 120, worst)
     scripts = (path for path in BENCHMARKS.rglob("*.py") if BENCHMARKS / "tests" not in path.parents)
     modules = [*files, *scripts]
     folders = Counter(_name(path.parent) for path in {*modules} if path.stem != "__init__")
     yield _counted(f"folders above {FOLDER} modules", folders, FOLDER, 0)
-    yield Row("floors inside a package", max(map(len, imports.LAYERS.values())), imports.FLOORS)
+    yield Count("floors inside a package", max(map(len, imports.LAYERS.values())), imports.FLOORS)
     skip = f"# fmt: {'skip'}"  # not this line
     every = {*modules, *(ROOT / "tests").rglob("*.py"), *(BENCHMARKS / "tests").rglob("*.py")}
-    yield Row(skip, sum(path.read_text(encoding="utf-8").count(skip) for path in every), 0)
+    yield Count(skip, sum(path.read_text(encoding="utf-8").count(skip) for path in every), 0)
     formulas = [path for path in trees if any(m in path.read_text(encoding="utf-8") for m in FORMULAS)]
     share = 1000 * sum(map(comments, formulas)) / lines(formulas)
-    yield Row("comments per 1,000 lines in files with formulas", round(share), 40, least=True)
+    yield Count("comments per 1,000 lines in files with formulas", round(share), 40, least=True)
 
 
-def _counted(what: str, counts: Counter[str], most: int, target: int) -> Row:
+def _counted(what: str, counts: Counter[str], most: int, target: int) -> Count:
     where = tuple(f"{name} {count}" for name, count in counts.most_common() if count > most)
-    return Row(what, len(where), target, where)
+    return Count(what, len(where), target, where)
 
 
 def _name(path: Path) -> str:
@@ -139,7 +141,7 @@ def comments(file: Path) -> int:
     return sum(not text.startswith(PRAGMAS) for text in found)
 
 
-def rows(*, traced: bool = True) -> list[Row]:
+def rows(*, traced: bool = True) -> list[Count]:
     """Return all numbers; without `traced`, those that need no study to run."""
     sys.path[:0] = [str(ROOT / "tests")]
     imports = importlib.import_module("test_imports")

@@ -17,7 +17,7 @@ _NO_LAG = 1e-3  # share of the sampling time that counts as no lag: less would m
 
 
 @dataclass(frozen=True)
-class Process:
+class TransferFunction:
     """A plant num/den (highest power first) with dead time before and behind it."""
 
     num: tuple[float, ...]
@@ -27,7 +27,7 @@ class Process:
 
 
 @dataclass(frozen=True)
-class Experiment:
+class StepAndLoad:
     """A step of the reference from rest at the start, then a load on the input; times as the plant's."""
 
     start: float
@@ -61,7 +61,7 @@ def drawn(runs: int, seed: int, shares: tuple[float, float, float], lag: float, 
     return NOMINAL + unit * [*shares, lag, bias]
 
 
-def failures(process: Process, experiment: Experiment, pid: PID, factors: np.ndarray) -> np.ndarray:
+def failures(process: TransferFunction, experiment: StepAndLoad, pid: PID, factors: np.ndarray) -> np.ndarray:
     """Return which plants run away, or are outside the band at the end of a part, shape (runs,)."""
     y, error = simulated(process, experiment, pid, factors)
     parted = _samples(experiment)
@@ -71,13 +71,13 @@ def failures(process: Process, experiment: Experiment, pid: PID, factors: np.nda
     return np.asarray(outside[parted - 1] | outside[-1] | away.any(axis=0))
 
 
-def _samples(e: Experiment, parts: int = 1) -> int:
+def _samples(e: StepAndLoad, parts: int = 1) -> int:
     """Return the number of instants before the end of a part."""
     return int(np.ceil(parts * e.phase / e.T_s - 1e-6))
 
 
 def simulated(
-    process: Process, experiment: Experiment, pid: PID, factors: np.ndarray
+    process: TransferFunction, experiment: StepAndLoad, pid: PID, factors: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return outputs and errors in steps at each sampling instant, each of shape (K, runs)."""
     e, (speed, gain, later, lag, bias), runs = experiment, factors.T, len(factors)
@@ -158,7 +158,7 @@ def _rest(A: np.ndarray, B: np.ndarray, C: np.ndarray, y: float) -> tuple[np.nda
 class _Law:
     """The PIDs of all plants: u = K_p (b r - y) + I + D within the limits, with back-calculation."""
 
-    def __init__(self, pid: PID, e: Experiment, u0: np.ndarray, seen: np.ndarray) -> None:
+    def __init__(self, pid: PID, e: StepAndLoad, u0: np.ndarray, seen: np.ndarray) -> None:
         self.pid, self.e, self.D = pid, e, np.zeros(len(u0))
         self.tracking = np.sqrt(pid.T_i * pid.T_d) if 25 * pid.T_d >= pid.T_i else pid.T_i
         # It had rested at the start: reference and output, as the sensor sees it, were the same.

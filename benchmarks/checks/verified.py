@@ -29,7 +29,7 @@ import numpy as np
 from scipy.stats import fisher_exact
 
 sys.path.insert(0, __file__.rpartition("/")[0])
-from monte_carlo import NOMINAL, PID, Experiment, Process, drawn, failures
+from monte_carlo import NOMINAL, PID, StepAndLoad, TransferFunction, drawn, failures
 
 from prefcal_bench.results.words import markdown
 from prefcal_env.experiments.experiment import Channel
@@ -38,17 +38,17 @@ from prefcal_scenarios.described.pid_scenario import pid_scenario
 from prefcal_scenarios.scenario import Scenario
 from prefcal_scenarios.verification import verify
 
-PROCESSES: Mapping[str, Process] = {
-    "lag": Process((2.0,), (20.0, 1.0), 3.0),
-    "mostly dead time": Process((1.5,), (5.0, 1.0), 10.0),
-    "heater, two lags": Process((0.8,), (160.0, 28.0, 1.0), 6.0),
-    "three lags": Process((1.0,), (60.0, 47.0, 12.0, 1.0), 1.0),
-    "dead time at the output": Process((1.2,), (12.0, 1.0), 0.0, 5.0),
-    "dead time at both ends": Process((0.7,), (30.0, 1.0), 2.0, 3.0),
-    "inverse response": Process((-4.0, 1.0), (80.0, 18.0, 1.0), 1.0),
-    "oscillatory": Process((1.0,), (25.0, 6.0, 1.0), 2.0),
-    "integrating": Process((0.1,), (4.0, 1.0, 0.0), 2.0),
-    "unstable": Process((1.0,), (20.0, -1.0), 2.0),
+PROCESSES: Mapping[str, TransferFunction] = {
+    "lag": TransferFunction((2.0,), (20.0, 1.0), 3.0),
+    "mostly dead time": TransferFunction((1.5,), (5.0, 1.0), 10.0),
+    "heater, two lags": TransferFunction((0.8,), (160.0, 28.0, 1.0), 6.0),
+    "three lags": TransferFunction((1.0,), (60.0, 47.0, 12.0, 1.0), 1.0),
+    "dead time at the output": TransferFunction((1.2,), (12.0, 1.0), 0.0, 5.0),
+    "dead time at both ends": TransferFunction((0.7,), (30.0, 1.0), 2.0, 3.0),
+    "inverse response": TransferFunction((-4.0, 1.0), (80.0, 18.0, 1.0), 1.0),
+    "oscillatory": TransferFunction((1.0,), (25.0, 6.0, 1.0), 2.0),
+    "integrating": TransferFunction((0.1,), (4.0, 1.0, 0.0), 2.0),
+    "unstable": TransferFunction((1.0,), (20.0, -1.0), 2.0),
 }
 RANGES = {"parameter": 0.1, "dead time": 0.2, "sensor": 0.0, "actuator": 0.0, "task": 0.0}
 LAG, BIAS = "lag of the actuators", "bias of sensors"
@@ -85,7 +85,7 @@ class Compared:
         return sum(self.others / self.drawn > bound for bound in self.bounds)
 
 
-def scenario_of(process: Process) -> Scenario:
+def scenario_of(process: TransferFunction) -> Scenario:
     """Return the study of a process whose input goes from -100 to 100, around 0."""
     plant = Plant.of(
         (process.num, process.den),
@@ -96,7 +96,9 @@ def scenario_of(process: Process) -> Scenario:
     return pid_scenario(plant)
 
 
-def compared(name: str, process: Process, kind: str, runs: int, others: int, seed: int = 0) -> Compared:
+def compared(
+    name: str, process: TransferFunction, kind: str, runs: int, others: int, seed: int = 0
+) -> Compared:
     """Verify a sound or a fragile tuning, and let the other code judge the same plants and its own."""
     scenario = scenario_of(process)
     seed = 1000 * seed + list(PROCESSES).index(name)  # loops with the same draws would err alike
@@ -141,7 +143,7 @@ def together(rows: Sequence[Compared]) -> list[Compared]:
     ]
 
 
-def numbers_of(scenario: Scenario, theta: np.ndarray) -> tuple[Experiment, PID]:
+def numbers_of(scenario: Scenario, theta: np.ndarray) -> tuple[StepAndLoad, PID]:
     """Return the experiment and the controller of a study as numbers, for the other code."""
     loop = scenario.source.varied().loop
     assert loop is not None
@@ -150,11 +152,13 @@ def numbers_of(scenario: Scenario, theta: np.ndarray) -> tuple[Experiment, PID]:
     start = float(loop.plant.g(task.x0, task.u0, task.disturbance(0.0))[0])
     phase = task.horizon / 2
     assert abs(when - phase) < 1e-6 * phase
-    experiment = Experiment(start, float(y_ref[0]), float(load[-1]), phase, pid["T_s"], valve.low, valve.high)
+    experiment = StepAndLoad(
+        start, float(y_ref[0]), float(load[-1]), phase, pid["T_s"], valve.low, valve.high
+    )
     return experiment, PID(pid["K_p"], pid["T_i"], pid["T_d"], pid["b"], pid["N"])
 
 
-def largest(scenario: Scenario, process: Process, theta: np.ndarray) -> float:
+def largest(scenario: Scenario, process: TransferFunction, theta: np.ndarray) -> float:
     """Return the largest factor of the gain with which the nominal loop settles, by the other code."""
     low, high = 1.0, 1.0
     nominal = np.array([NOMINAL])

@@ -182,11 +182,11 @@ def _changed(plant: Plant, values: Values, later: float) -> Plant:
         return made
     if (gains == 1).all() and speed == later == 1:
         return named
-    return Scaled(named, speed, gains, later)
+    return ScaledPlant(named, speed, gains, later)
 
 
 @dataclass(frozen=True, eq=False)
-class Scaled:
+class ScaledPlant:
     """A plant that is slower or faster by one factor, and whose inputs act more or less, or later."""
 
     plant: Plant

@@ -375,15 +375,17 @@ class Executor(Protocol):
 
 
 @contextmanager
-def runs_of(run: Callable[[Theta], R], at_once: int, executor: Executor | None) -> Iterator["Runs[R]"]:
+def runs_of(
+    run: Callable[[Theta], R], at_once: int, executor: Executor | None
+) -> Iterator["ExperimentPool[R]"]:
     """Yield what runs experiments for `ask_and_tell`, whose arguments these are."""
     integer("at_once", at_once, low=1)
     if executor is not None or at_once == 1:
-        yield Runs(run, int(at_once), executor)
+        yield ExperimentPool(run, int(at_once), executor)
         return
     threads = ThreadPoolExecutor(int(at_once), "experiment")
     try:
-        yield Runs(run, int(at_once), threads)
+        yield ExperimentPool(run, int(at_once), threads)
     finally:
         threads.shutdown(wait=False, cancel_futures=True)
 
@@ -407,7 +409,7 @@ def first_ready(queries: Iterable[Query], done: Mapping[int, int]) -> Query | No
 
 
 @final
-class Runs(Generic[R]):
+class ExperimentPool(Generic[R]):
     """The experiments of a study, `at_once` at the same time in an executor, or in this thread.
 
     They are known by θ, since the number of a pending sample changes until it is answered.

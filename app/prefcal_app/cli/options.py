@@ -11,7 +11,7 @@ from typer import Argument, Option
 
 from prefcal_agents.registry import WORDS
 
-from .parameters import Kept, kept_by, parameters_of
+from .parameters import Stored, kept_by, parameters_of
 
 HUMAN = "human"
 """Name of the calibrator that is a person."""
@@ -58,7 +58,7 @@ class Described:
             as failed. inf: no limit.
     """
 
-    scenario: Annotated[str, Argument(metavar="SCENARIO"), Kept("scenario", always=True, anew=True)]
+    scenario: Annotated[str, Argument(metavar="SCENARIO"), Stored("scenario", always=True, anew=True)]
     knob: Annotated[
         tuple[str, ...], Option(metavar="KNOB", show_default="found, for a standard controller")
     ] = ()
@@ -76,7 +76,7 @@ class Described:
 class Options(Described):
     """Options of `prefcal calibrate`, in the order of its help.
 
-    To add an option, add a field, annotated as typer wants it, and its help below. One with `Kept`
+    To add an option, add a field, annotated as typer wants it, and its help below. One with `Stored`
     is stored in the study file, and cannot change on resuming unless `anew` is set; one without
     applies to a single run. None stands for the default of the component that takes the value.
 
@@ -117,8 +117,8 @@ class Options(Described):
         json: Print only JSON on standard output (messages go to standard error).
     """
 
-    calibrator: Annotated[str, Option(metavar="NAME"), Kept("calibrator", always=True)] = HUMAN
-    by: Annotated[str | None, Option(metavar="NAME", show_default="none"), Kept()] = None
+    calibrator: Annotated[str, Option(metavar="NAME"), Stored("calibrator", always=True)] = HUMAN
+    by: Annotated[str | None, Option(metavar="NAME", show_default="none"), Stored()] = None
     agent: Annotated[
         str,
         Option(
@@ -126,21 +126,21 @@ class Options(Described):
             show_default="screening; glisp if the scenario is not a quick simulation",
             help=_who_proposes(),
         ),
-        Kept("agent", always=True),
+        Stored("agent", always=True),
     ] = "glisp"
     simulate: Annotated[
         int,
         Option(metavar="N", min=0, show_default="1000; 0 if the scenario is not a quick simulation"),
-        Kept("simulated unseen", agents=SIMULATING),
+        Stored("simulated unseen", agents=SIMULATING),
     ] = 0
     twin: Annotated[
-        str | None, Option(metavar="SCENARIO", show_default="none"), Kept("twin", agents=SIMULATING)
+        str | None, Option(metavar="SCENARIO", show_default="none"), Stored("twin", agents=SIMULATING)
     ] = None
-    robust: Annotated[bool, Option("--robust"), Kept("robust", agents=SIMULATING)] = False
+    robust: Annotated[bool, Option("--robust"), Stored("robust", agents=SIMULATING)] = False
     study: Annotated[
         str | None, Option(metavar="NAME_OR_PATH", show_default="a new one, SCENARIO-1; unattended: none")
     ] = None
-    seed: Annotated[int, Option(metavar="N", min=0), Kept("seed", always=True)] = 0
+    seed: Annotated[int, Option(metavar="N", min=0), Stored("seed", always=True)] = 0
     n_init: Annotated[
         int,
         Option(
@@ -149,30 +149,30 @@ class Options(Described):
             max=MOST,
             show_default="10; glisp: 2 per knob; screening: 1; at most half of --n-max",
         ),
-        Kept("initial experiments", always=True),
+        Stored("initial experiments", always=True),
     ] = 10
     n_max: Annotated[
         int,
         Option(metavar="N", min=1, max=MOST, show_default="50; screening: 11"),
-        Kept("experiments", always=True, anew=True),
+        Stored("experiments", always=True, anew=True),
     ] = 50
     questions_per_experiment: Annotated[
         int,
         Option(metavar="N", min=1, max=100),
-        Kept("questions per experiment", anew=True, agents=("glisp",)),
+        Stored("questions per experiment", anew=True, agents=("glisp",)),
     ] = 1
     start: Annotated[
-        tuple[str, ...], Option(metavar="THETA", show_default="the agent's"), Kept("begins with")
+        tuple[str, ...], Option(metavar="THETA", show_default="the agent's"), Stored("begins with")
     ] = ()
     taste: Annotated[
         str | None,
         Option(metavar="STUDY", show_default="none"),
-        Kept("begins with the taste of", agents=("screening",)),
+        Stored("begins with the taste of", agents=("screening",)),
     ] = None
-    outcomes: Annotated[bool, Option("--no-outcomes"), Kept("learns from KPIs", agents=("glisp",))] = True
-    cost: Annotated[str | None, Option(metavar="COST", show_default="the scenario's score"), Kept("cost")] = (
-        None
-    )
+    outcomes: Annotated[bool, Option("--no-outcomes"), Stored("learns from KPIs", agents=("glisp",))] = True
+    cost: Annotated[
+        str | None, Option(metavar="COST", show_default="the scenario's score"), Stored("cost")
+    ] = None
     out: Annotated[
         Path | None,
         Option(metavar="FOLDER", show_default="./prefcal-STUDY; unattended: ./prefcal-SCENARIO-SEED"),

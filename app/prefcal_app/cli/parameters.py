@@ -19,7 +19,7 @@ from typer.models import ArgumentInfo, OptionInfo
 
 
 @dataclass(frozen=True, slots=True)
-class Kept:
+class Stored:
     """Annotation of a field whose value the study file keeps; by default it cannot change later."""
 
     label: str = ""  # name in the report's list of settings; empty to leave it out
@@ -37,7 +37,7 @@ class Parameter:
     type: Any
     default: Any  # default value; MISSING if the parameter is required
     info: OptionInfo | ArgumentInfo  # what typer is told: flag, help, placeholder, limits
-    kept: Kept | None  # rules if the study file keeps the value; None if it applies to a single run
+    kept: Stored | None  # rules if the study file keeps the value; None if it applies to a single run
 
     @property
     def flag(self) -> str:
@@ -96,7 +96,7 @@ def parameters_of(options: type) -> Mapping[str, Parameter]:
     return found
 
 
-def kept_by(options: type) -> Mapping[str, tuple[Parameter, Kept]]:
+def kept_by(options: type) -> Mapping[str, tuple[Parameter, Stored]]:
     """Return the parameters whose values a study file keeps, by name."""
     parameters = parameters_of(options).items()
     return {name: (each, each.kept) for name, each in parameters if each.kept is not None}

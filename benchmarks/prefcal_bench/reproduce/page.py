@@ -15,7 +15,7 @@ from prefcal_scenarios.style import BEST, FIRST, OTHERS, png, style
 from prefcal_scenarios.wording import put
 
 from .paper import COMPARISONS, DEVIATIONS, N_MAX, algorithm, parameters, ranges
-from .studies import Found, PaperStudy, compared, disagreements, found, rows
+from .studies import CaseResult, PaperStudy, compared, disagreements, found, rows
 
 PAPER = "Zhu, Bemporad, Piga: Preference-based MPC calibration (ECC 2021)"
 DOI = "10.23919/ECC54610.2021.9654900"
@@ -70,14 +70,14 @@ def write_page(studies: Sequence[PaperStudy], folder: Path, command: str) -> Pat
     return folder / "paper.html"
 
 
-def pictures(results: Sequence[Found]) -> Iterator[Pictured]:
+def pictures(results: Sequence[CaseResult]) -> Iterator[Pictured]:
     """Yield the four figures of section IV, drawn from the experiments of the first seed."""
     with style():
         yield from _of_reactor(*results[:2])
         yield from _of_car(results[2])
 
 
-def _of_reactor(reactor: Found, automated: Found) -> Iterator[Pictured]:
+def _of_reactor(reactor: CaseResult, automated: CaseResult) -> Iterator[Pictured]:
     scenario, clearest = reactor.scenario, _clearest(reactor, "settling_time", _settled)
     yield Pictured(
         "Fig. CSTR_query",
@@ -98,7 +98,7 @@ def _of_reactor(reactor: Found, automated: Found) -> Iterator[Pictured]:
     )
 
 
-def _of_car(car: Found) -> Iterator[Pictured]:
+def _of_car(car: CaseResult) -> Iterator[Pictured]:
     space = car.scenario.space
     better, worse = _clearest(car, "path_peak", _in_time)
     pair = (ShownDrive(worse, "not preferred", FIRST), ShownDrive(better, "preferred", BEST))
@@ -121,7 +121,9 @@ def _of_car(car: Found) -> Iterator[Pictured]:
     )
 
 
-def _clearest(result: Found, kpi: str, fit: Callable[[Experiment], bool]) -> tuple[Experiment, Experiment]:
+def _clearest(
+    result: CaseResult, kpi: str, fit: Callable[[Experiment], bool]
+) -> tuple[Experiment, Experiment]:
     """Return the preferred and the other experiment of the comparison that `kpi` explains best.
 
     Considers only comparisons in which both experiments are `fit` to be shown, if there are any.

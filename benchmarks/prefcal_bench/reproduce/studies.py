@@ -102,7 +102,7 @@ def _plain(theta: np.ndarray) -> Theta:
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class CaseResult:
     """Results of one case: the experiments at the paper's θ and at the θ of each study."""
 
     case: Case
@@ -117,7 +117,7 @@ class Found:
         return self.experiments[0]
 
 
-def found(studies: Sequence[PaperStudy]) -> list[Found]:
+def found(studies: Sequence[PaperStudy]) -> list[CaseResult]:
     """Run the experiments of the tables: at the paper's θ, and at the best θ of each study."""
     results = []
     for case in CASES:
@@ -125,11 +125,11 @@ def found(studies: Sequence[PaperStudy]) -> list[Found]:
         own = tuple(s for s in studies if s.case == case.name)
         at_best = tuple(scenario.run(np.array(s.best)) for s in own)
         paper = scenario.run(np.array(THETA[case.name]))
-        results.append(Found(case, scenario, paper, own, at_best))
+        results.append(CaseResult(case, scenario, paper, own, at_best))
     return results
 
 
-def rows(result: Found) -> list[Row]:
+def rows(result: CaseResult) -> list[Row]:
     """Return the rows of the table of one case: its knobs, then its KPIs."""
     table: list[Row] = []
     for k, knob in enumerate(result.scenario.space):
@@ -152,7 +152,7 @@ def _spread(values: Sequence[float]) -> tuple[str, str]:
     return number(float(np.median(values))), f"{number(min(values))} … {number(max(values))}"
 
 
-def compared(results: Sequence[Found]) -> list[str]:
+def compared(results: Sequence[CaseResult]) -> list[str]:
     """Return what each case puts beside what, and what comes out, as one sentence or more each."""
     reactor, automated, car = results
     n = len(car.experiments)
@@ -177,7 +177,7 @@ def compared(results: Sequence[Found]) -> list[str]:
     ]
 
 
-def disagreements(results: Sequence[Found]) -> list[str]:
+def disagreements(results: Sequence[CaseResult]) -> list[str]:
     """Return where our results contradict the paper's, or cannot confirm them."""
     reactor, automated, car = results
     ours = abs(_index(reactor) - _index(automated))
@@ -204,7 +204,7 @@ def disagreements(results: Sequence[Found]) -> list[str]:
     return found
 
 
-def _prefers_paper(car: Found, index: int) -> bool:
+def _prefers_paper(car: CaseResult, index: int) -> bool:
     """Return whether the synthetic person of a study prefers the paper's θ to the calibrated."""
     assert car.case.calibrator is not None
     person = car.scenario.calibrators[car.case.calibrator](car.studies[index].seed)
@@ -212,7 +212,7 @@ def _prefers_paper(car: Found, index: int) -> bool:
     return verdict is Preference.CHALLENGER
 
 
-def _index(result: Found) -> float:
+def _index(result: CaseResult) -> float:
     return float(np.median([e.kpis["index"] for e in result.experiments]))
 
 

@@ -19,18 +19,18 @@ def test_every_kind_is_right_by_every_door(trips, monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["round_trips.py", "--count", "12"])
     assert trips.main() == 0
     assert "12 runs by four doors: 0 values wrong" in capsys.readouterr().out
-    assert {trips.Case.of(seed).kind for seed in range(12)} == set(trips.KINDS)
+    assert {trips.RoundTrip.of(seed).kind for seed in range(12)} == set(trips.KINDS)
 
 
 def test_a_wrong_value_is_named(trips, monkeypatch, tmp_path):
-    case = replace(trips.Case.of(0), kind="step", moment=5.0, noise=0.0, damping=0.4)
+    case = replace(trips.RoundTrip.of(0), kind="step", moment=5.0, noise=0.0, damping=0.4)
     assert list(trips.wrong(case, tmp_path)) == []
-    honest = trips.Case.sampled
+    honest = trips.RoundTrip.sampled
 
     def late(case):
         t, y, r = honest(case)
         return t, y, 0 * r + r[-1]  # as if the set point had been there from the beginning
 
-    monkeypatch.setattr(trips.Case, "sampled", late)
+    monkeypatch.setattr(trips.RoundTrip, "sampled", late)
     said = list(trips.wrong(case, tmp_path))
     assert any("settling time by rig is" in words for words in said)

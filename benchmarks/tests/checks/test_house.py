@@ -52,4 +52,4 @@ def test_every_number_has_a_target_and_what_counts_is_named(house):
     assert late.value == sum(int(place.split()[-1]) for place in late.where)
     twice = rows["class names that exist twice"]
     assert len(twice.where) == twice.value
-    assert not house.Row("comments", 16, 40, least=True).met
+    assert not house.Count("comments", 16, 40, least=True).met

@@ -86,9 +86,12 @@ def test_what_a_file_has_is_not_compared_again(check, monkeypatch, tmp_path):
 def test_a_run_of_the_other_code_is_that_of_small_steps(check):
     """A lag of 7 s, dead times that are no whole samples, a slow actuator, a sensor that shows too much."""
     code = sys.modules["monte_carlo"]
-    experiment = code.Experiment(1.0, 3.0, 0.5, 20.0, 0.7, -50.0, 50.0)
+    experiment = code.StepAndLoad(1.0, 3.0, 0.5, 20.0, 0.7, -50.0, 50.0)
     pid = code.PID(0.6, 7.0, 0.5, 0.8, 10.0)
-    late, factors = code.Process((2.0,), (7.0, 1.0), 1.3, 0.4), np.array([[1.0, 1.0, 1.0, 0.9, 0.01]])
+    late, factors = (
+        code.TransferFunction((2.0,), (7.0, 1.0), 1.3, 0.4),
+        np.array([[1.0, 1.0, 1.0, 0.9, 0.01]]),
+    )
     y, _ = code.simulated(late, experiment, pid, factors)
     assert 3.0 < y.max() < 4.5  # the step, and then the load
     law, given = code._Law(pid, experiment, np.array([0.5]), np.array([1.02])), []

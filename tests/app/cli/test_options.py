@@ -10,7 +10,7 @@ from typer import Argument, Option
 from typer.testing import CliRunner
 
 from prefcal_app.cli.options import CheckOptions, LookOptions, Options, ReportOptions, RespaceOptions
-from prefcal_app.cli.parameters import Kept, kept_by, parameters_of, takes
+from prefcal_app.cli.parameters import Stored, kept_by, parameters_of, takes
 from prefcal_env.errors import SettingsError
 from toy_study import TOY
 
@@ -29,9 +29,9 @@ class Toy:
     """
 
     name: Annotated[str, Argument(metavar="NAME")]
-    rounds: Annotated[int, Option(metavar="N"), Kept()] = 3
-    tags: Annotated[tuple[str, ...], Option("--tag", metavar="TAG"), Kept()] = ()
-    learns: Annotated[bool, Option("--no-learning"), Kept()] = True
+    rounds: Annotated[int, Option(metavar="N"), Stored()] = 3
+    tags: Annotated[tuple[str, ...], Option("--tag", metavar="TAG"), Stored()] = ()
+    learns: Annotated[bool, Option("--no-learning"), Stored()] = True
     opens: Annotated[bool, Option("--opens")] = False
 
 

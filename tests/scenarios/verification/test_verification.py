@@ -21,7 +21,7 @@ from prefcal_env import (
 from prefcal_env.controllers.margins import MarginKPIs, margins
 from prefcal_env.disk import digest_of
 from prefcal_env.envs.varied_loop import Worn
-from prefcal_env.envs.varied_plant import Scaled, factors_of, varied_plant
+from prefcal_env.envs.varied_plant import ScaledPlant, factors_of, varied_plant
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Channel, End, Measurement, Move
 from prefcal_env.plants.plant import Disturbed, Plant
@@ -272,7 +272,7 @@ def test_equations_without_named_parameters_vary_in_speed_and_gain():
     plant = FunctionPlant(
         lambda x, u, d: [-x[0] + 2.0 * u[0]], states=[Channel("x", "m")], inputs=[Channel("u", "V", -9, 9)]
     )
-    scaled = Scaled(plant, 2.0, np.array([3.0]), 1.0)
+    scaled = ScaledPlant(plant, 2.0, np.array([3.0]), 1.0)
     x, u, d, t = np.array([1.0]), np.array([0.5]), np.zeros(0), np.array([0.3, 1.0])
     exact = 3.0 + (1.0 - 3.0) * np.exp(-2.0 * t)
     assert scaled.hold(x, u, d, t)[:, 0] == pytest.approx(exact, rel=1e-6)
