@@ -106,24 +106,16 @@ SettingsT = TypeVar("SettingsT")
 class Setup(Generic[SettingsT]):
     """Everything that an agent's proposals follow from, besides the record.
 
-    Args:
-        space: Knobs to tune.
-        n_init: Number of samples of the space-filling start, 1 or more.
-        seed: Seed of all randomness, 0 or more; sample i draws from `(seed, i)`.
-        settings: Further settings of the agent.
-        n_max: Number of experiments asked for, 2 or more, and not below `n_init`.
-        start: Points of the cube that replace the first proposed samples, each of length n.
-
     Raises:
         SettingsError: If a value is not valid.
     """
 
-    space: KnobSpace
-    n_init: int
-    seed: int
-    settings: SettingsT
-    n_max: int = 50
-    start: Points = ()
+    space: KnobSpace  # knobs to tune
+    n_init: int  # number of samples of the space-filling start, 1 or more
+    seed: int  # seed of all randomness, 0 or more; sample i draws from `(seed, i)`
+    settings: SettingsT  # further settings of the agent
+    n_max: int = 50  # number of experiments asked for, 2 or more, and not below `n_init`
+    start: Points = ()  # points of the cube that replace the first proposed samples, each of length n
 
     def __post_init__(self) -> None:
         if not isinstance(self.space, KnobSpace):
@@ -274,21 +266,13 @@ Pair = tuple[int, int]
 
 
 class Turn(NamedTuple):
-    """What is decided after a record, before anything new is proposed.
+    """What is decided after a record, before anything new is proposed."""
 
-    Args:
-        history: The record with the sample that the agent holds for the best.
-        pair: Known samples to compare now; None if there are none.
-        best: Index of the best sample; None before the first answer.
-        queries: A query for each pending sample, which is compared with the best one.
-        over: Whether all experiments are answered and it is clear which one is the best.
-    """
-
-    history: History
-    pair: Pair | None
-    best: int | None
-    queries: tuple[Query, ...]
-    over: bool
+    history: History  # the record with the sample that the agent holds for the best
+    pair: Pair | None  # known samples to compare now; None if there are none
+    best: int | None  # index of the best sample; None before the first answer
+    queries: tuple[Query, ...]  # a query for each pending sample, which is compared with the best one
+    over: bool  # whether all experiments are answered and it is clear which one is the best
 
 
 class Strategy:

@@ -30,20 +30,13 @@ class Interpolant:
     """The interpolant Σ β_i φ(ε |z - z_i|) + offset, with N centers.
 
     Source: Bemporad 2020, equation 3; φ takes the distance there, its square in eq. rbf.
-
-    Args:
-        centers: Centers, shape (N, n).
-        beta: Weights β, shape (N,).
-        offset: Mean of the values, predicted far from all samples.
-        epsilon: Width parameter ε.
-        rbf: Name of φ, one of `POSITIVE_DEFINITE`.
     """
 
-    centers: Float[np.ndarray, "N n"]
-    beta: Float[np.ndarray, " N"]
-    offset: float
-    epsilon: float
-    rbf: str
+    centers: Float[np.ndarray, "N n"]  # centers, shape (N, n)
+    beta: Float[np.ndarray, " N"]  # weights β, shape (N,)
+    offset: float  # mean of the values, predicted far from all samples
+    epsilon: float  # width parameter ε
+    rbf: str  # name of φ, one of `POSITIVE_DEFINITE`
 
     def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
         """Return the values at the rows of `z`, shape (m,)."""
@@ -106,17 +99,11 @@ _FLAT = 1e-12  # a deviation below this has no slope worth following
 
 @dataclass(frozen=True, slots=True)
 class Weights:
-    """The weights w_i = exp(-d_i)/d_i of N samples at m points, with squared distances d.
+    """The weights w_i = exp(-d_i)/d_i of N samples at m points, with squared distances d."""
 
-    Args:
-        share: Shares v_i = w_i / Σ w_j, shape (m, N); rows sum to 1.
-        largest: Weight w of the nearest sample, shape (m,); infinite on a sample.
-        total: Sum Σ w_j / largest, shape (m,), 1 or more.
-    """
-
-    share: Float[np.ndarray, "m N"]
-    largest: Float[np.ndarray, " m"]
-    total: Float[np.ndarray, " m"]
+    share: Float[np.ndarray, "m N"]  # shares v_i = w_i / Σ w_j, shape (m, N); rows sum to 1
+    largest: Float[np.ndarray, " m"]  # weight w of the nearest sample, shape (m,); infinite on a sample
+    total: Float[np.ndarray, " m"]  # sum Σ w_j / largest, shape (m,), 1 or more
 
     @classmethod
     def of(cls, d: Float[np.ndarray, "m N"]) -> "Weights":
@@ -150,18 +137,13 @@ class ValueAcquisition:
     """The acquisition a = f - α s - δ z over the box scaled to [-1, 1]; f interpolates scores.
 
     Source: equation 10, divided by its ΔF: the range of the scores is 1 here.
-
-    Args:
-        interpolant: Interpolant f, with centers in [-1, 1].
-        values: Scores of the N samples, shape (N,), between 0 and 1; f goes through them.
-        alpha: Weight α of the IDW deviation s, 0 or more.
-        delta: Weight δ of the IDW distance z, 0 or more.
     """
 
-    interpolant: Interpolant
+    interpolant: Interpolant  # interpolant f, with centers in [-1, 1]
+    # Scores of the N samples, shape (N,), between 0 and 1; f goes through them
     values: Float[np.ndarray, " N"]
-    alpha: float
-    delta: float
+    alpha: float  # weight α of the IDW deviation s, 0 or more
+    delta: float  # weight δ of the IDW distance z, 0 or more
 
     def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
         """Return a at the rows of `z`, shape (m, n), unit cube, as shape (m,)."""

@@ -17,17 +17,12 @@ CEILING = 2.0  # see `normalize`: an interrupted run must not flatten the other 
 
 @dataclass(frozen=True, slots=True)
 class Outcomes:
-    """The p KPIs of N samples.
+    """The p KPIs of N samples."""
 
-    Args:
-        columns: KPIs, lower is better: 0 for the best sample and 1 for the worst, shape (N, p).
-        names: Names of the p KPIs.
-        ranges: Values of each KPI that count as 0 and as 1, in its unit.
-    """
-
+    # KPIs, lower is better: 0 for the best sample and 1 for the worst, shape (N, p)
     columns: Float[np.ndarray, "N p"]
-    names: tuple[str, ...]
-    ranges: tuple[tuple[float, float], ...]
+    names: tuple[str, ...]  # names of the p KPIs
+    ranges: tuple[tuple[float, float], ...]  # values of each KPI that count as 0 and as 1, in its unit
 
     @classmethod
     def of(cls, history: History) -> "Outcomes":
@@ -79,32 +74,20 @@ _COUNTS = 0.01  # KPIs with a smaller share of the weights are left out
 
 @dataclass(frozen=True, slots=True)
 class CostTerm:
-    """One KPI of a learned index, which adds 0 at `best` and `weight` at `worst` and beyond.
+    """One KPI of a learned index, which adds 0 at `best` and `weight` at `worst` and beyond."""
 
-    Args:
-        weight: Share of all weights, above 0.
-        best: Lowest value of the study, in the unit of the KPI.
-        worst: Value that counts in full; larger values count the same.
-    """
-
-    weight: float
-    best: float
-    worst: float
+    weight: float  # share of all weights, above 0
+    best: float  # lowest value of the study, in the unit of the KPI
+    worst: float  # value that counts in full; larger values count the same
 
 
 @dataclass(frozen=True)
 class LearnedCost:
-    """A learned index, a sum of terms: lower is better. Call it with KPIs by name.
+    """A learned index, a sum of terms: lower is better. Call it with KPIs by name."""
 
-    Args:
-        terms: KPI name to its term, largest weight first; the weights sum to 1.
-        predicted: Number of answers predicted correctly when left out of the training.
-        answers: Number of strict answers.
-    """
-
-    terms: Mapping[str, CostTerm]
-    predicted: int
-    answers: int
+    terms: Mapping[str, CostTerm]  # KPI name to its term, largest weight first; the weights sum to 1
+    predicted: int  # number of answers predicted correctly when left out of the training
+    answers: int  # number of strict answers
 
     def __call__(self, kpis: Mapping[str, float]) -> float:
         """Return the index of an experiment; an unknown or infinite KPI counts in full."""

@@ -17,21 +17,13 @@ _GOOD = (Mark.CHALLENGER_GOOD_ENOUGH, Mark.INCUMBENT_GOOD_ENOUGH)
 
 @dataclass(frozen=True, slots=True)
 class Preferences:
-    """M comparisons of N samples as training data: the vector B of eq. pref-vector.
+    """M comparisons of N samples as training data: the vector B of eq. pref-vector."""
 
-    Args:
-        samples: Points of the unit cube, shape (N, n).
-        first: i(h), the challenger of comparison h, shape (M,).
-        second: j(h), the incumbent that it was compared with, shape (M,).
-        b: Preference b_h in {-1, 0, 1}, shape (M,); -1: the first is better.
-        weights: c_h of eq. QP-pref, above 0, shape (M,).
-    """
-
-    samples: Float[np.ndarray, "N n"]
-    first: Int[np.ndarray, " M"]
-    second: Int[np.ndarray, " M"]
-    b: Int[np.ndarray, " M"]
-    weights: Float[np.ndarray, " M"]
+    samples: Float[np.ndarray, "N n"]  # points of the unit cube, shape (N, n)
+    first: Int[np.ndarray, " M"]  # i(h), the challenger of comparison h, shape (M,)
+    second: Int[np.ndarray, " M"]  # j(h), the incumbent that it was compared with, shape (M,)
+    b: Int[np.ndarray, " M"]  # preference b_h in {-1, 0, 1}, shape (M,); -1: the first is better
+    weights: Float[np.ndarray, " M"]  # c_h of eq. QP-pref, above 0, shape (M,).
 
     @classmethod
     def of(cls, history: History) -> "Preferences":
@@ -57,15 +49,10 @@ class Preferences:
 
 @dataclass(frozen=True, slots=True)
 class Marks:
-    """Marks of the K samples that a calibrator looked at.
+    """Marks of the K samples that a calibrator looked at."""
 
-    Args:
-        samples: Points of the unit cube, shape (K, n).
-        unsafe: Whether unsafe, shape (K,); a sample without that mark counts as safe.
-    """
-
-    samples: Float[np.ndarray, "K n"]
-    unsafe: Bool[np.ndarray, " K"]
+    samples: Float[np.ndarray, "K n"]  # points of the unit cube, shape (K, n)
+    unsafe: Bool[np.ndarray, " K"]  # whether unsafe, shape (K,); a sample without that mark counts as safe
 
     @classmethod
     def of(cls, history: History) -> "Marks":
@@ -138,14 +125,10 @@ class Subset:
     Source: none.
     Deviation: the paper learns from all answers, in at most 50 experiments; the time this takes
     grows with the cube of their number. What the limit costs: docs/research/archive.md.
-
-    Args:
-        history: Samples and answers, renumbered.
-        kept: Indices of the samples in the whole history, increasing, shape (K,).
     """
 
-    history: History
-    kept: Int[np.ndarray, " K"]
+    history: History  # samples and answers, renumbered
+    kept: Int[np.ndarray, " K"]  # indices of the samples in the whole history, increasing, shape (K,)
 
     @classmethod
     def of(cls, history: History, most: int = MOST) -> "Subset":

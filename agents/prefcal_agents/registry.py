@@ -19,33 +19,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class AgentRow:
-    """One agent, as Python, command line, benchmark and saved studies know it.
+    """One agent, as Python, command line, benchmark and saved studies know it."""
 
-    Args:
-        name: Name in `prefcal_agents`: a class, or "CLASS.METHOD" for another way to make one.
-        module: Module of `package` that holds the class.
-        word: Word for `prefcal calibrate --agent`; empty if it is not offered there.
-        about: Remark in the help.
-        label: Name in the benchmark's tables; empty: `name`.
-        by_value: Whether it learns from scores; otherwise from preferences.
-        simulates: Whether it needs `simulate`, a function of θ that returns KPIs.
-        learns: Whether it uses answers for more than keeping the winner.
-        extra: Extra of its distribution that it needs.
-        packages: Modules of that extra to their distributions.
-        package: Package of `module`.
-    """
-
-    name: str
-    module: str
-    word: str = ""
-    about: str = ""
-    label: str = ""
-    by_value: bool = False
-    learns: bool = True
-    simulates: bool = False
-    extra: str = ""
-    packages: Mapping[str, str] = field(default_factory=dict)
-    package: str = "prefcal_agents"
+    name: str  # name in `prefcal_agents`: a class, or "CLASS.METHOD" for another way to make one
+    module: str  # module of `package` that holds the class
+    word: str = ""  # word for `prefcal calibrate --agent`; empty if it is not offered there
+    about: str = ""  # remark in the help
+    label: str = ""  # name in the benchmark's tables; empty: `name`
+    by_value: bool = False  # whether it learns from scores; otherwise from preferences
+    learns: bool = True  # whether it uses answers for more than keeping the winner
+    simulates: bool = False  # whether it needs `simulate`, a function of θ that returns KPIs
+    extra: str = ""  # extra of its distribution that it needs
+    packages: Mapping[str, str] = field(default_factory=dict)  # modules of that extra to their distributions
+    package: str = "prefcal_agents"  # package of `module`
 
     def load(self) -> Any:
         """Return the class, or the method that makes the agent, loaded now."""

@@ -23,26 +23,16 @@ _STEPS = 30  # steps of the fixed point; each one brings the constants several t
 
 @dataclass(frozen=True, eq=False, slots=True)
 class DrawPool:
-    """Draws given several records, and what weighs them for any other record.
+    """Draws given several records, and what weighs them for any other record."""
 
-    Args:
-        bank: Simulated θ, with their KPIs as measured where they ran.
-        scale: How KPIs are measured.
-        logs: Log distances of the KPIs that are expected, shape (m, k).
-        shown: Row of the bank of each sample, shape (n,).
-        utilities: All draws, shape (s,).
-        levels: Levels of the samples in each draw, shape (2k, s, n).
-        costs: Their costs, shape (s, n).
-        density: Logarithm of their density relative to that before any answer, shape (s,).
-    """
-
-    bank: Bank
-    scale: Scale
-    logs: Float[np.ndarray, "m k"]
-    shown: Int[np.ndarray, " n"]
-    utilities: Utilities
-    levels: Float[np.ndarray, "c s n"]
-    costs: Float[np.ndarray, "s n"]
+    bank: Bank  # simulated θ, with their KPIs as measured where they ran
+    scale: Scale  # how KPIs are measured
+    logs: Float[np.ndarray, "m k"]  # log distances of the KPIs that are expected, shape (m, k)
+    shown: Int[np.ndarray, " n"]  # row of the bank of each sample, shape (n,)
+    utilities: Utilities  # all draws, shape (s,)
+    levels: Float[np.ndarray, "c s n"]  # levels of the samples in each draw, shape (2k, s, n)
+    costs: Float[np.ndarray, "s n"]  # their costs, shape (s, n)
+    # Logarithm of their density relative to that before any answer, shape (s,)
     density: Float[np.ndarray, " s"]
 
     @classmethod
@@ -133,19 +123,12 @@ _DOUBTFUL = 0.1  # chance of the other answer from which on it tells something t
 
 @dataclass(frozen=True, slots=True)
 class Influence:
-    """What the result would be if an answer were the other way round.
+    """What the result would be if an answer were the other way round."""
 
-    Args:
-        answer: Number of the answer, that of its challenger.
-        reversed: Sample that would be the best then.
-        chance: Probability of that other answer, by all answers but this one.
-        sure: Whether draws leave no doubt about `reversed`.
-    """
-
-    answer: int
-    reversed: int
-    chance: float
-    sure: bool
+    answer: int  # number of the answer, that of its challenger
+    reversed: int  # sample that would be the best then
+    chance: float  # probability of that other answer, by all answers but this one
+    sure: bool  # whether draws leave no doubt about `reversed`
 
     @property
     def doubtful(self) -> bool:
@@ -318,17 +301,11 @@ _WORSE = 0.05  # probability of being noticeably worse than the result up to whi
 
 @dataclass(frozen=True, slots=True)
 class SmallerChange:
-    """The result with some of its knobs as they were.
+    """The result with some of its knobs as they were."""
 
-    Args:
-        theta: θ, physical.
-        kept: Numbers of the knobs that are as they were, from 0.
-        chance: Probability that it is noticeably worse than the result.
-    """
-
-    theta: tuple[float, ...]
-    kept: tuple[int, ...]
-    chance: float
+    theta: tuple[float, ...]  # θ, physical
+    kept: tuple[int, ...]  # numbers of the knobs that are as they were, from 0
+    chance: float  # probability that it is noticeably worse than the result
 
 
 def smaller_change(

@@ -265,18 +265,14 @@ class Objective(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Domain:
-    """Region to search: a box in the unit cube, its fixed coordinates, and how points snap.
+    """Region to search: a box in the unit cube, its fixed coordinates, and how points snap."""
 
-    Args:
-        fixed: Mask of coordinates that a descent must not move (integer knobs), shape (n,).
-        snap: Function that moves the rows of an array (m, n) to points that can run.
-        start: Point to start from (the incumbent), shape (n,).
-        corners: Lower and upper corner of the box to search, each of shape (n,).
-    """
-
+    # Mask of coordinates that a descent must not move (integer knobs), shape (n,)
     fixed: Bool[np.ndarray, " n"]
+    # Function that moves the rows of an array (m, n) to points that can run
     snap: Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, "m n"]] = field(repr=False)
-    start: Float[np.ndarray, " n"]
+    start: Float[np.ndarray, " n"]  # point to start from (the incumbent), shape (n,)
+    # Lower and upper corner of the box to search, each of shape (n,)
     corners: tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]
 
     @classmethod
@@ -502,19 +498,12 @@ Learned = Surrogate | PreferenceGP
 
 @dataclass(frozen=True, slots=True)
 class Acquisition:
-    """The acquisition a(θ) of eq. acquisition on the unit cube.
+    """The acquisition a(θ) of eq. acquisition on the unit cube."""
 
-    Args:
-        surrogate: Surrogate Ĵ.
-        delta: Weight δ of exploration, 0 or more.
-        spread: Range ΔĴ; 1 if the surrogate is flat (nothing is known, or only ties).
-        tried: Samples that exploration stays away from, unit cube, shape (N, n).
-    """
-
-    surrogate: Learned
-    delta: float
-    spread: float
-    tried: Float[np.ndarray, "N n"]
+    surrogate: Learned  # surrogate Ĵ
+    delta: float  # weight δ of exploration, 0 or more
+    spread: float  # range ΔĴ; 1 if the surrogate is flat (nothing is known, or only ties)
+    tried: Float[np.ndarray, "N n"]  # samples that exploration stays away from, unit cube, shape (N, n)
 
     @classmethod
     def of(
@@ -571,18 +560,12 @@ class SafetyModel:
     section 3.4: the mode of the posterior, whose log odds are Σ α_i φ + offset.
     Deviation: C-GLISp interpolates labels by inverse distances, which cannot see an edge beyond
     the samples: marks then prevented fewer unsafe experiments (docs/research/archive.md).
-
-    Args:
-        centers: K labeled samples, shape (K, n).
-        alpha: Weights α, shape (K,).
-        offset: Log odds far from all samples.
-        length: Length scale of a label, above 0, in units of the cube per knob.
     """
 
-    centers: Float[np.ndarray, "K n"]
-    alpha: Float[np.ndarray, " K"]
-    offset: float
-    length: float
+    centers: Float[np.ndarray, "K n"]  # K labeled samples, shape (K, n)
+    alpha: Float[np.ndarray, " K"]  # weights α, shape (K,)
+    offset: float  # log odds far from all samples
+    length: float  # length scale of a label, above 0, in units of the cube per knob
 
     @classmethod
     def of(cls, samples: Float[np.ndarray, "K n"], labels: Bool[np.ndarray, " K"]) -> "SafetyModel":

@@ -62,18 +62,13 @@ def squared_distances(a: Float[np.ndarray, "m n"], b: Float[np.ndarray, "N n"]) 
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """The shape of φ(εd): ε, and the weight of each knob in d.
+    """The shape of φ(εd): ε, and the weight of each knob in d."""
 
-    Args:
-        epsilon: Width parameter ε of eq. rbf, above 0, in the unit cube.
-        scales: Factor on each coordinate before computing distances, shape (n,), with geometric
-            mean 1; all 1 is eq. distance.
-        rbf: Name of φ, a key of `RADIAL_FUNCTIONS`.
-    """
-
-    epsilon: float
+    epsilon: float  # width parameter ε of eq. rbf, above 0, in the unit cube
+    # Factor on each coordinate before computing distances, shape (n,), with geometric mean 1; all 1 is eq.
+    # distance
     scales: tuple[float, ...]
-    rbf: str = "inverse_quadratic"
+    rbf: str = "inverse_quadratic"  # name of φ, a key of `RADIAL_FUNCTIONS`
 
     def rescale(self, knob: int, factor: float) -> "Shape | None":
         """Return the shape in which `knob` counts `factor` as much; None if too far from others."""
@@ -151,33 +146,22 @@ class Learning:
 
     Source: section IV of the paper for σ. λσ = 1e-6 keeps all preferences that can be kept.
     Deviation: λ is above 0; with λ = 0 eq. QP-pref would be a linear program.
-
-    Args:
-        sigma: σ of eq. RBF-pref, above 0: smallest difference between a better and a worse
-            sample.
-        lam: λ of eq. QP-pref, above 0.
-        margin_power: See `margins`; 0 is eq. RBF-pref.
     """
 
+    # σ of eq. RBF-pref, above 0: smallest difference between a better and a worse sample.
     sigma: float = 1e-6
-    lam: float = 1.0
-    margin_power: float = 0.0
+    lam: float = 1.0  # λ of eq. QP-pref, above 0.
+    margin_power: float = 0.0  # See `margins`; 0 is eq. RBF-pref.
 
 
 @dataclass(frozen=True, slots=True)
 class Constraints:
-    """Eq. RBF-pref as rows · β' >= margins - slack: one row per strict preference, two per tie.
+    """Eq. RBF-pref as rows · β' >= margins - slack: one row per strict preference, two per tie."""
 
-    Args:
-        rows: Shape (R, N).
-        margins: Shape (R,), above 0 for a strict preference, -1 for both rows of a tie.
-        weights: c_h, shape (R,).
-        owner: The comparison that each row belongs to, shape (R,); -1: none, it always holds.
-    """
-
-    rows: Float[np.ndarray, "R N"]
-    margins: Float[np.ndarray, " R"]
-    weights: Float[np.ndarray, " R"]
+    rows: Float[np.ndarray, "R N"]  # shape (R, N)
+    margins: Float[np.ndarray, " R"]  # shape (R,), above 0 for a strict preference, -1 for both rows of a tie
+    weights: Float[np.ndarray, " R"]  # c_h, shape (R,)
+    # The comparison that each row belongs to, shape (R,); -1: none, it always holds
     owner: Int[np.ndarray, " R"]
 
     @classmethod
@@ -309,17 +293,11 @@ FOLDS = 3
 
 @dataclass(frozen=True, slots=True)
 class Validation:
-    """Comparisons split into K slices, each left out once; all samples stay centers.
+    """Comparisons split into K slices, each left out once; all samples stay centers."""
 
-    Args:
-        preferences: M comparisons.
-        learning: How β is learned from the rest.
-        slices: Which comparisons each of the K slices holds, shape (K, M).
-    """
-
-    preferences: Preferences
-    learning: Learning
-    slices: Bool[np.ndarray, "K M"]
+    preferences: Preferences  # M comparisons
+    learning: Learning  # how β is learned from the rest
+    slices: Bool[np.ndarray, "K M"]  # which comparisons each of the K slices holds, shape (K, M)
 
     @classmethod
     def deal(cls, preferences: Preferences, learning: Learning, rng: np.random.Generator) -> "Validation":
@@ -419,15 +397,10 @@ def matern(u: Float[np.ndarray, "n m N"]) -> tuple[Float[np.ndarray, "m N"], Flo
 
 @dataclass(frozen=True, slots=True)
 class Sites:
-    """Normal distributions that approximate R answers, over rows · β with rows of length 1.
+    """Normal distributions that approximate R answers, over rows · β with rows of length 1."""
 
-    Args:
-        precision: Precision of each site, shape (R,).
-        shift: Precision times mean of each site, shape (R,).
-    """
-
-    precision: Float[np.ndarray, " R"]
-    shift: Float[np.ndarray, " R"]
+    precision: Float[np.ndarray, " R"]  # precision of each site, shape (R,)
+    shift: Float[np.ndarray, " R"]  # precision times mean of each site, shape (R,)
 
     @classmethod
     def flat(cls, count: int) -> "Sites":
@@ -454,22 +427,14 @@ class ExpectationPropagation:
 
     Source: expectation propagation for such a likelihood, Kim and Ghahramani, SSPR 2008.
     Deviation: replaces eq. QP-pref if answers contradict each other.
-
-    Args:
-        mean: Mean of β, shape (N,).
-        root: Lower Cholesky factor of the precision of β, shape (N, N).
-        predicted: Sum of the log probabilities of the answers, each predicted from the others.
-        wrong: Probability that each row is a mistake, shape (R,).
-        evidence: Log probability of all rows together.
-        sites: Sites of the rows; a starting point for similar fits.
     """
 
-    mean: Float[np.ndarray, " N"]
-    root: Float[np.ndarray, "N N"]
-    predicted: float
-    wrong: Float[np.ndarray, " R"]
-    evidence: float
-    sites: Sites
+    mean: Float[np.ndarray, " N"]  # mean of β, shape (N,)
+    root: Float[np.ndarray, "N N"]  # lower Cholesky factor of the precision of β, shape (N, N)
+    predicted: float  # sum of the log probabilities of the answers, each predicted from the others
+    wrong: Float[np.ndarray, " R"]  # probability that each row is a mistake, shape (R,)
+    evidence: float  # log probability of all rows together
+    sites: Sites  # sites of the rows; a starting point for similar fits
 
     @classmethod
     def of(
@@ -581,16 +546,11 @@ class PreferenceGP:
     that (nearly) reproduce them, in which smooth ones count more; the lengths show which knobs
     matter. It is trained on the last 100 samples that were compared. Measured in
     docs/research/archive.md.
-
-    Args:
-        centers: Samples in the unit cube, shape (N, n).
-        lengths: Length ℓ of each knob, shape (n,).
-        alpha: Vector K⁻¹ times the mean at the samples, shape (N,).
     """
 
-    centers: Float[np.ndarray, "N n"]
-    lengths: Float[np.ndarray, " n"]
-    alpha: Float[np.ndarray, " N"]
+    centers: Float[np.ndarray, "N n"]  # samples in the unit cube, shape (N, n)
+    lengths: Float[np.ndarray, " n"]  # length ℓ of each knob, shape (n,)
+    alpha: Float[np.ndarray, " N"]  # vector K⁻¹ times the mean at the samples, shape (N,)
 
     @classmethod
     def of(cls, preferences: Preferences, error_rate: float = 0.0) -> "PreferenceGP":

@@ -19,17 +19,11 @@ KPIs = Mapping[str, float]
 
 
 class Chances(NamedTuple):
-    """How probably a person gives each answer about two experiments; in all 1.
+    """How probably a person gives each answer about two experiments; in all 1."""
 
-    Args:
-        better: That the first one is better.
-        same: That they are about the same.
-        worse: That the second one is better.
-    """
-
-    better: float
-    same: float
-    worse: float
+    better: float  # that the first one is better
+    same: float  # that they are about the same
+    worse: float  # that the second one is better
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,24 +26,16 @@ _LOUD = 0.2  # share of the largest error above which a start is an event, howev
 
 @dataclass(frozen=True, slots=True)
 class RunEvent:
-    """Something that an output has to respond to.
+    """Something that an output has to respond to."""
 
-    Args:
-        kind: A start away from the reference, a change of the reference, at once or by and by, or
-            a load, which drives the output away although the reference stays.
-        first: Row of the record from whose instant times count.
-        last: Row from which the reference has its new value.
-        end: Row after the last one that belongs to the event.
-        size: Change that is wanted, in the unit of the output; 0 of a load.
-        band: Error that counts as settled, in the same unit.
-    """
-
+    # A start away from the reference, a change of the reference, at once or by and by, or a load, which
+    # drives the output away although the reference stays
     kind: Kind
-    first: int
-    last: int
-    end: int
-    size: float
-    band: float
+    first: int  # row of the record from whose instant times count
+    last: int  # row from which the reference has its new value
+    end: int  # row after the last one that belongs to the event
+    size: float  # change that is wanted, in the unit of the output; 0 of a load
+    band: float  # error that counts as settled, in the same unit
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,22 +185,15 @@ def _smooth(error: Curve, noise: float, band: float) -> Curve:
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """How an output follows its reference, at the instants `t` of a record of K rows.
+    """How an output follows its reference, at the instants `t` of a record of K rows."""
 
-    Args:
-        t: Instants, shape (K,), increasing, up to where the run is over: at the very end, the
-            reference may be taken away.
-        y: Output, shape (K,).
-        r: Reference, shape (K,).
-        smooth: Error y - r with so little noise that it stays in the band, shape (K,).
-        events: Events, in the order of time.
-    """
-
+    # Instants, shape (K,), increasing, up to where the run is over: at the very end, the reference may be
+    # taken away
     t: Curve
-    y: Curve
-    r: Curve
-    smooth: Curve
-    events: tuple[RunEvent, ...]
+    y: Curve  # output, shape (K,)
+    r: Curve  # reference, shape (K,)
+    smooth: Curve  # error y - r with so little noise that it stays in the band, shape (K,)
+    events: tuple[RunEvent, ...]  # events, in the order of time
 
     @classmethod
     def of(cls, t: Curve, y: Curve, r: Curve, band: float | None = None) -> "Response":

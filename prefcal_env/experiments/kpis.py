@@ -541,13 +541,9 @@ def found_kpis(channels: Channels, measured: Iterable[str] | None = None) -> tup
 
 @dataclass(frozen=True, slots=True)
 class Tracking:
-    """Function that returns the KPIs of an experiment, and its tracking KPIs.
+    """Function that returns the KPIs of an experiment, and its tracking KPIs."""
 
-    Args:
-        names: KPIs that every complete experiment has, NaN if it could not be measured.
-    """
-
-    names: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()  # KPIs that every complete experiment has, NaN if it could not be measured
 
     @classmethod
     def promised(cls, channels: Channels | None, names: Sequence[str]) -> "Tracking":

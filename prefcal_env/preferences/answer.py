@@ -91,19 +91,15 @@ def _float(name: str, value: Any) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """How people read the KPIs of experiments, given as agents know them: lower is better.
+    """How people read the KPIs of experiments, given as agents know them: lower is better."""
 
-    Args:
-        steps: Name of a KPI to the smallest difference that is shown, in its unit; 0 if only its
-            four digits limit it. KPIs without a row are compared exactly.
-        limits: Name of a KPI to the largest value that meets its objective.
-        targets: KPIs of which all values that meet the objective are alike.
-        aims: Name of a KPI to a value below its limit, which proposals keep if that costs no objective.
-    """
-
+    # Name of a KPI to the smallest difference that is shown, in its unit; 0 if only its four digits limit it.
+    # KPIs without a row are compared exactly.
     steps: Mapping[str, float] = field(default_factory=dict)
+    # Name of a KPI to the largest value that meets its objective
     limits: Mapping[str, float] = field(default_factory=dict)
-    targets: frozenset[str] = frozenset()
+    targets: frozenset[str] = frozenset()  # KPIs of which all values that meet the objective are alike
+    # Name of a KPI to a value below its limit, which proposals keep if that costs no objective
     aims: Mapping[str, float] = field(default_factory=dict)
 
     def __call__(self, name: str, values: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:

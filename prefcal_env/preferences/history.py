@@ -185,17 +185,11 @@ _MARKS = {
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """One θ that is tried.
+    """One θ that is tried."""
 
-    Args:
-        z: Point of the unit cube, which models are trained on.
-        theta: θ that runs, physical.
-        after: Number of closed queries when it was proposed; None for the present number.
-    """
-
-    z: Point
-    theta: Point
-    after: int | None = None
+    z: Point  # point of the unit cube, which models are trained on
+    theta: Point  # θ that runs, physical
+    after: int | None = None  # number of closed queries when it was proposed; None for the present number
 
     @classmethod
     def of(cls, space: KnobSpace, z: Float[np.ndarray, " n"]) -> "Sample":
@@ -307,30 +301,20 @@ class Comparison:
 
 @dataclass(frozen=True, slots=True)
 class Lead:
-    """The sample that an agent holds for the best, where the answers one by one name another.
+    """The sample that an agent holds for the best, where the answers one by one name another."""
 
-    Args:
-        index: Index of the sample.
-        after: Number of answers that it follows from.
-    """
-
-    index: int
-    after: int
+    index: int  # index of the sample
+    after: int  # number of answers that it follows from
 
 
 _UNKNOWN = Outcome({})
 
 
 class KPIValues(NamedTuple):
-    """KPIs of N samples, lower is better.
+    """KPIs of N samples, lower is better."""
 
-    Args:
-        names: Names of the k KPIs.
-        values: Their values, NaN where one is not known, shape (N, k).
-    """
-
-    names: tuple[str, ...]
-    values: Float[np.ndarray, "N k"]
+    names: tuple[str, ...]  # names of the k KPIs
+    values: Float[np.ndarray, "N k"]  # their values, NaN where one is not known, shape (N, k)
 
     @classmethod
     def of(cls, outcomes: Sequence[Outcome]) -> "KPIValues":
@@ -345,21 +329,15 @@ class KPIValues(NamedTuple):
 
 @dataclass(frozen=True)
 class History:
-    """Samples in the order proposed, and the answers about them.
+    """Samples in the order proposed, and the answers about them."""
 
-    Args:
-        samples: All samples; the last one may not be answered yet.
-        comparisons: Comparison h closed the query of sample h.
-        follow_ups: Answers about two samples whose queries were closed, in the order given.
-        repeats: Answers to questions that were asked again; agents do not learn from them.
-        leads: What an agent held for the best against single answers, in order.
-    """
-
-    samples: tuple[Sample, ...] = ()
-    comparisons: tuple[Comparison, ...] = ()
+    samples: tuple[Sample, ...] = ()  # all samples; the last one may not be answered yet
+    comparisons: tuple[Comparison, ...] = ()  # comparison h closed the query of sample h
+    # Answers about two samples whose queries were closed, in the order given
     follow_ups: tuple[Comparison, ...] = ()
+    # Answers to questions that were asked again; agents do not learn from them
     repeats: tuple[Comparison, ...] = ()
-    leads: tuple[Lead, ...] = ()
+    leads: tuple[Lead, ...] = ()  # what an agent held for the best against single answers, in order
 
     # Conclusions from the record. It is frozen, so what an answer asks for many times is worked out once.
 

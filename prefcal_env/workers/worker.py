@@ -43,26 +43,17 @@ _BOOT = (
 
 @dataclass(frozen=True, slots=True)
 class Terms:
-    """On what terms a worker process runs requests.
+    """On what terms a worker process runs requests."""
 
-    Args:
-        what: What a request is, for messages.
-        allows: Option that allows more time, for messages; empty for none.
-        again: Whether a request whose process died runs once more; not what moves a real plant.
-        grace: Seconds for the code of a request to clean up when it is ended; 0 to kill at once.
-        gentle: Whether it works behind a person's back: it leaves the processor to whatever they
-            wait for, and in a pool its time limit follows the usual time of a request.
-        threads: Number of threads of linear algebra; None for as many as in this process.
-        quiet: Whether what it prints is kept from people, but for the last line before a crash.
-    """
-
-    what: str = "the run"
-    allows: str = ""
-    again: bool = True
-    grace: float = 0.0
+    what: str = "the run"  # what a request is, for messages
+    allows: str = ""  # option that allows more time, for messages; empty for none
+    again: bool = True  # whether a request whose process died runs once more; not what moves a real plant
+    grace: float = 0.0  # seconds for the code of a request to clean up when it is ended; 0 to kill at once
+    # Whether it works behind a person's back: it leaves the processor to whatever they wait for, and in a
+    # pool its time limit follows the usual time of a request
     gentle: bool = False
-    threads: int | None = 1
-    quiet: bool = False
+    threads: int | None = 1  # number of threads of linear algebra; None for as many as in this process
+    quiet: bool = False  # whether what it prints is kept from people, but for the last line before a crash
 
 
 @final

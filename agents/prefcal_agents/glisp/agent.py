@@ -50,15 +50,12 @@ from .fits import (
 
 
 class StrategyRow(NamedTuple):
-    """One row of the strategy.
+    """One row of the strategy."""
 
-    Args:
-        holds: Function that returns whether the row applies to a fit in a study.
-        objective: Function that trains a model, and returns what the next sample minimizes of it;
-            None if the draws of what the person wants choose, see `most_promising`.
-    """
-
+    # Function that returns whether the row applies to a fit in a study
     holds: Callable[[GLISpSetup, Fit], bool]
+    # Function that trains a model, and returns what the next sample minimizes of it; None if the draws of
+    # what the person wants choose, see `most_promising`
     objective: Callable[[GLISpSetup, Fit], Objective] | None
 
 
@@ -323,16 +320,12 @@ _BELIEVED = 0.996  # largest share of the draws that is believed; 1 minus it is 
 
 @dataclass(frozen=True, slots=True)
 class Foresight:
-    """What draws and answers say of the next experiment, before it runs.
+    """What draws and answers say of the next experiment, before it runs."""
 
-    Args:
-        better: Share of the draws to which it is noticeably better than the best so far; None if
-            KPIs do not explain the answers.
-        lost: Number of answers since a challenger won, see `lost_since`.
-    """
-
+    # Share of the draws to which it is noticeably better than the best so far; None if KPIs do not explain
+    # the answers
     better: float | None
-    lost: int
+    lost: int  # number of answers since a challenger won, see `lost_since`
 
     @property
     def terms(self) -> tuple[float, ...]:

@@ -167,19 +167,13 @@ _SHORTEST = 0.003  # shortest standard deviation of a step, in units of the cube
 
 @dataclass(frozen=True, eq=False, slots=True)
 class KPIFit:
-    """What is known about a person who judges by KPIs.
+    """What is known about a person who judges by KPIs."""
 
-    Args:
-        bank: KPIs of all experiments, a row for each θ.
-        kept: Rows of the experiments that KPIs are modeled through, see `Subset`, shape (K,).
-        scale: How KPIs are measured; without names if there is no KPI to learn from.
-        utilities: Draws of what the person wants.
-    """
-
-    bank: Bank
+    bank: Bank  # KPIs of all experiments, a row for each θ
+    # Rows of the experiments that KPIs are modeled through, see `Subset`, shape (K,)
     kept: Int[np.ndarray, " K"]
-    scale: Scale
-    utilities: Utilities
+    scale: Scale  # how KPIs are measured; without names if there is no KPI to learn from
+    utilities: Utilities  # draws of what the person wants
 
     def row(self, theta: Sequence[float]) -> int:
         """Return the place among the kept experiments of that with a physical θ, shape (n,)."""
@@ -367,15 +361,10 @@ _EPSILONS = (0.32, 0.56, 1.0, 1.8, 3.2, 5.6)
 
 @dataclass(frozen=True, slots=True)
 class NoiseTest:
-    """Result of comparing two explanations of the answers: some are wrong, or none are.
+    """Result of comparing two explanations of the answers: some are wrong, or none are."""
 
-    Args:
-        shape: Shape of φ that predicts the answers of a fallible person best.
-        evidence: Mean of the latest log likelihood ratios (nats); above 0 speaks for mistakes.
-    """
-
-    shape: Shape
-    evidence: float
+    shape: Shape  # shape of φ that predicts the answers of a fallible person best
+    evidence: float  # mean of the latest log likelihood ratios (nats); above 0 speaks for mistakes
 
     @property
     def suspects(self) -> bool:
@@ -442,18 +431,12 @@ _SHAPE_AT = 5  # of ten; noise tests are at 0, so no proposal waits for both
 
 @dataclass(frozen=True, slots=True)
 class Dataset:
-    """The training data in a history.
+    """The training data in a history."""
 
-    Args:
-        history: All samples and answers.
-        kept: Numbers of the samples that models are trained on, increasing, shape (K,); see
-            `Subset`.
-        preferences: Comparisons of these samples.
-    """
-
-    history: History
+    history: History  # all samples and answers
+    # Numbers of the samples that models are trained on, increasing, shape (K,); see `Subset`
     kept: Int[np.ndarray, " K"]
-    preferences: Preferences
+    preferences: Preferences  # comparisons of these samples
 
     @classmethod
     def of(cls, history: History) -> "Dataset":
@@ -469,34 +452,24 @@ class Dataset:
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """Selected settings of the models after a number of experiments.
+    """Selected settings of the models after a number of experiments."""
 
-    Args:
-        shape: Shape of φ, chosen by cross-validation.
-        noise: Result of the noise test; None while there are too few answers.
-        is_noisy: Whether answers are treated as possibly wrong. This takes two things: some
-            contradict each other, and the noise test suspects mistakes. A suspicion alone only
-            leads to a question, since a cost that jumps looks like mistakes, too.
-    """
-
-    shape: Shape
-    noise: NoiseTest | None
+    shape: Shape  # shape of φ, chosen by cross-validation
+    noise: NoiseTest | None  # result of the noise test; None while there are too few answers
+    # Whether answers are treated as possibly wrong. This takes two things: some contradict each other, and
+    # the noise test suspects mistakes. A suspicion alone only leads to a question, since a cost that jumps
+    # looks like mistakes, too.
     is_noisy: bool
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """What GLISp has learned from a history: the data and selections to train its models with.
+    """What GLISp has learned from a history: the data and selections to train its models with."""
 
-    Args:
-        data: Training data in the history.
-        selection: Selected settings of the models.
-        kpis: What is known about a person who judges by KPIs; None if they do not explain the
-            answers, or are not used.
-    """
-
-    data: Dataset
-    selection: Selection
+    data: Dataset  # training data in the history
+    selection: Selection  # selected settings of the models
+    # What is known about a person who judges by KPIs; None if they do not explain the answers, or are not
+    # used
     kpis: KPIFit | None
 
 
@@ -526,15 +499,10 @@ class KeptShapes:
 
 @dataclass(frozen=True, slots=True)
 class Learned:
-    """What takes long to learn, to keep it between sessions: all by the key of its record.
+    """What takes long to learn, to keep it between sessions: all by the key of its record."""
 
-    Args:
-        draws: Numbers of `Utilities`.
-        shapes: Chosen shapes of φ.
-    """
-
-    draws: dict[bytes, bytes] = field(default_factory=dict)
-    shapes: dict[bytes, KeptShapes] = field(default_factory=dict)
+    draws: dict[bytes, bytes] = field(default_factory=dict)  # numbers of `Utilities`
+    shapes: dict[bytes, KeptShapes] = field(default_factory=dict)  # chosen shapes of φ
 
 
 @final

@@ -137,21 +137,13 @@ class Reported(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """An open study at work; its report can be written again and again while it runs.
+    """An open study at work; its report can be written again and again while it runs."""
 
-    Args:
-        options: What is calibrated, and how.
-        interview: Interview, which holds the scenario, the agent and the study file.
-        claim: Claim on the folder of the report.
-        messages: Console for messages, standard error.
-        resumed: Whether the study existed before.
-    """
-
-    options: Options
-    interview: Interview
-    claim: Ownership
-    messages: Console
-    resumed: bool
+    options: Options  # what is calibrated, and how
+    interview: Interview  # interview, which holds the scenario, the agent and the study file
+    claim: Ownership  # claim on the folder of the report
+    messages: Console  # console for messages, standard error
+    resumed: bool  # whether the study existed before
 
     @property
     def file(self) -> StudyFile:

@@ -389,17 +389,11 @@ class Choose(Action, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class Preview:
-    """Preview of what would be saved.
+    """Preview of what would be saved."""
 
-    Args:
-        experiment: Experiment as read from the record.
-        same: Index of another experiment with identical curves; None if there is none.
-        retracts: Number of answers that would no longer teach anything.
-    """
-
-    experiment: Experiment
-    same: int | None
-    retracts: int
+    experiment: Experiment  # experiment as read from the record
+    same: int | None  # index of another experiment with identical curves; None if there is none
+    retracts: int  # number of answers that would no longer teach anything
 
 
 class Record(Action, frozen=True):
@@ -675,17 +669,11 @@ def _check_tried(driver: Driver, index: int, best: int) -> None:
 
 
 class TryOnPlant(Action, frozen=True):
-    """Have the θ of the first experiment, 0, or of the best on a live plant; what it had before is kept.
+    """Have the θ of the first experiment, 0, or of the best on a live plant; what it had before is kept."""
 
-    Args:
-        best: Index of the best experiment, as the person saw it.
-        index: Experiment; None to read what the plant has, which the person must see first.
-        blind: Whether the person is not told which is which.
-    """
-
-    best: Whole
-    index: Whole | None = None
-    blind: bool = False
+    best: Whole  # index of the best experiment, as the person saw it
+    index: Whole | None = None  # experiment; None to read what the plant has, which the person must see first
+    blind: bool = False  # whether the person is not told which is which
     when = frozenset({Phase.OVER})
     otherwise = "the study has not ended"
     beside = True
@@ -735,17 +723,11 @@ class EndTrial(Action, frozen=True):
 
 
 class KeepOnPlant(Action, frozen=True):
-    """Confirm which of two tunings stays on the plant, after both were tried there.
+    """Confirm which of two tunings stays on the plant, after both were tried there."""
 
-    Args:
-        index: Experiment that stays: the first one, 0, or the best.
-        best: Index of the best experiment, as the person saw it.
-        blind: Whether the person was not told which was which.
-    """
-
-    index: Whole
-    best: Whole
-    blind: bool = False
+    index: Whole  # experiment that stays: the first one, 0, or the best
+    best: Whole  # index of the best experiment, as the person saw it
+    blind: bool = False  # whether the person was not told which was which
     when = frozenset({Phase.OVER})
     otherwise = "the study has not ended"
 

@@ -443,15 +443,10 @@ done, and a fresh process takes a second."""
 
 @dataclass(frozen=True, slots=True)
 class Latest:
-    """What the latest answer or undo left behind.
+    """What the latest answer or undo left behind."""
 
-    Args:
-        version: Version at which it was given.
-        draft: Comment of the answer that was undone, until another answer is given.
-    """
-
-    version: int = 0
-    draft: str = ""
+    version: int = 0  # version at which it was given
+    draft: str = ""  # comment of the answer that was undone, until another answer is given
 
 
 @dataclass(slots=True)

@@ -104,25 +104,16 @@ class Side:
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """Question about two experiments.
+    """Question about two experiments."""
 
-    Args:
-        id: Id of the event that showed the question; an answer must name it.
-        number: Number of the comparison, from 1.
-        left: Experiment on the left.
-        right: Experiment on the right.
-        repeats: Id of the earlier question that is asked again; None for a new question.
-        outcomes: KPIs of challenger and incumbent, for the agent; None for a repeated question.
-        further: Whether this is a follow-up comparison, of two experiments that were seen before.
-    """
-
-    id: int
-    number: int
-    left: Side
-    right: Side
-    repeats: int | None = None
+    id: int  # id of the event that showed the question; an answer must name it
+    number: int  # number of the comparison, from 1
+    left: Side  # experiment on the left
+    right: Side  # experiment on the right
+    repeats: int | None = None  # id of the earlier question that is asked again; None for a new question
+    # KPIs of challenger and incumbent, for the agent; None for a repeated question
     outcomes: Outcomes | None = None
-    further: bool = False
+    further: bool = False  # whether this is a follow-up comparison, of two experiments that were seen before
 
     @property
     def challenger(self) -> Side:
@@ -194,86 +185,55 @@ class Recovery(Enum):
 
 @dataclass(frozen=True, slots=True)
 class TrialNow:
-    """What a front end shows of a trial on a live plant.
+    """What a front end shows of a trial on a live plant."""
 
-    Args:
-        blind: Whether it is hidden which θ is which.
-        wanted: Index of the experiment whose θ the person wants on the plant.
-        shown: Index of the one whose θ it has; None while it is written.
-        changes: What the plant has, for the person to confirm; None while it is not known.
-        problem: Why it is not known, or why the trial ended.
-        moves: Whether the plant is being changed.
-    """
-
-    blind: bool
-    wanted: int
-    shown: int | None
+    blind: bool  # whether it is hidden which θ is which
+    wanted: int  # index of the experiment whose θ the person wants on the plant
+    shown: int | None  # index of the one whose θ it has; None while it is written
+    # What the plant has, for the person to confirm; None while it is not known
     changes: tuple[Change, ...] | None
-    problem: str
-    moves: bool
+    problem: str  # why it is not known, or why the trial ended
+    moves: bool  # whether the plant is being changed
 
 
 @dataclass(frozen=True, slots=True)
 class PlantNow:
-    """What a front end shows of a plant on which each run must be confirmed.
+    """What a front end shows of a plant on which each run must be confirmed."""
 
-    Args:
-        changes: What a run would write, for the person to confirm; None while it is not known.
-        problem: Why it is not known, or what remains to be done on the plant; empty if all is well.
-        progress: How far the run is; None if none is in progress.
-        times: Instants recorded so far, in seconds.
-        curves: Outputs recorded so far.
-        stopping: Whether the run was told to stop.
-        recovery: Whether the plant has its old values again. If that failed, `problem` says why,
-            and nothing is written until it succeeds.
-        trial: What is tried; None if nothing is.
-    """
-
+    # What a run would write, for the person to confirm; None while it is not known
     changes: tuple[Change, ...] | None
-    problem: str
-    progress: Progress | None
-    times: tuple[float, ...]
-    curves: tuple[RunCurve, ...]
-    stopping: bool
+    problem: str  # why it is not known, or what remains to be done on the plant; empty if all is well
+    progress: Progress | None  # how far the run is; None if none is in progress
+    times: tuple[float, ...]  # instants recorded so far, in seconds
+    curves: tuple[RunCurve, ...]  # outputs recorded so far
+    stopping: bool  # whether the run was told to stop
+    # Whether the plant has its old values again. If that failed, `problem` says why, and nothing is written
+    # until it succeeds.
     recovery: Recovery = Recovery.DONE
-    trial: TrialNow | None = None
+    trial: TrialNow | None = None  # what is tried; None if nothing is
 
 
 @dataclass(frozen=True, slots=True)
 class Now:
-    """Consistent view of an interview.
+    """Consistent view of an interview."""
 
-    Args:
-        version: Number that grows with every change.
-        phase: What the interview waits for.
-        question: Open question, in phase QUESTION.
-        problem: Description of the problem, in phase FAILED.
-        pending: Sample that is running, awaited or failed; None while it is being proposed.
-        incumbent: Index of the best experiment so far; None before the first.
-        can: Names of the actions that the person can take.
-        state: State of the study file.
-        draft: Comment of the answer that was just undone.
-        preparing: Part that is being compiled before the first experiment; None when done.
-        run_limit: Time limit of a run in seconds; None if it has none.
-        simulated: Numbers of what was simulated unseen; None if the agent simulates nothing.
-        plant: What is known of a plant whose runs a person confirms; None if the scenario has none.
-        running: Number of experiments that are running, if several can; 0 if one runs at a time.
-    """
-
-    version: int
-    phase: Phase
-    question: Question | None
-    problem: str | None
-    pending: Suggested | None
-    incumbent: int | None
-    can: frozenset[str]
-    state: State
-    draft: str = ""
+    version: int  # number that grows with every change
+    phase: Phase  # what the interview waits for
+    question: Question | None  # open question, in phase QUESTION
+    problem: str | None  # description of the problem, in phase FAILED
+    pending: Suggested | None  # sample that is running, awaited or failed; None while it is being proposed
+    incumbent: int | None  # index of the best experiment so far; None before the first
+    can: frozenset[str]  # names of the actions that the person can take
+    state: State  # state of the study file
+    draft: str = ""  # comment of the answer that was just undone
+    # Part that is being compiled before the first experiment; None when done
     preparing: Compiling | None = None
-    run_limit: float | None = None
+    run_limit: float | None = None  # time limit of a run in seconds; None if it has none
+    # Numbers of what was simulated unseen; None if the agent simulates nothing
     simulated: SimulationCounts | None = None
+    # What is known of a plant whose runs a person confirms; None if the scenario has none
     plant: PlantNow | None = None
-    running: int = 0
+    running: int = 0  # number of experiments that are running, if several can; 0 if one runs at a time
 
 
 # --- Say what a study needs next: a function of its agent and its record, without input or output.
@@ -364,51 +324,30 @@ _WAITS: Mapping[Asks, Moment] = {"": Moment.RUN, "record": Moment.RECORD, "confi
 
 @dataclass(frozen=True, slots=True)
 class PlantFacts:
-    """What decides of a plant, or of whatever runs θ, what a person can do now.
+    """What decides of a plant, or of whatever runs θ, what a person can do now."""
 
-    Args:
-        asks: What a person does for each run, as `Source.asks` says.
-        stops: Whether a run can be stopped.
-        moves: Whether a run changes the plant now.
-        ready: Whether it is known what the pending run would write.
-        recovery: Whether the plant has its old values again.
-        tries: Whether old and new can be tried in turn.
-        holds: Whether it has one of them now.
-    """
-
-    asks: Asks = ""
-    stops: bool = False
-    moves: bool = False
-    ready: bool = False
-    recovery: Recovery = Recovery.DONE
-    tries: bool = False
-    holds: bool = False
+    asks: Asks = ""  # what a person does for each run, as `Source.asks` says
+    stops: bool = False  # whether a run can be stopped
+    moves: bool = False  # whether a run changes the plant now
+    ready: bool = False  # whether it is known what the pending run would write
+    recovery: Recovery = Recovery.DONE  # whether the plant has its old values again
+    tries: bool = False  # whether old and new can be tried in turn
+    holds: bool = False  # whether it has one of them now
 
 
 @dataclass(frozen=True)
 class Study:
-    """A study at one moment. Whoever drives it saves each event, feeds it, and asks what is next.
+    """A study at one moment. Whoever drives it saves each event, feeds it, and asks what is next."""
 
-    Args:
-        strategy: What the agent asks after a record.
-        state: State after all events, see `prefcal_env.study.fold`.
-        at_once: Number of experiments that may be pending at the same time.
-        simulates: Whether choosing a query may take simulations.
-        phase: What it waits for.
-        plant: What runs θ.
-        thought: Whether the agent has thought about this record, to which only events were added
-            that follow from it.
-        proposed: Whether `next` has been followed until experiments run; any event makes it False.
-    """
-
-    strategy: Strategy
-    state: State
-    at_once: int = 1
-    simulates: bool = False
-    phase: Phase = Phase.RUNNING
-    plant: PlantFacts = PlantFacts()
+    strategy: Strategy  # what the agent asks after a record
+    state: State  # state after all events, see `prefcal_env.study.fold`
+    at_once: int = 1  # number of experiments that may be pending at the same time
+    simulates: bool = False  # whether choosing a query may take simulations
+    phase: Phase = Phase.RUNNING  # what it waits for
+    plant: PlantFacts = PlantFacts()  # what runs θ
+    # Whether the agent has thought about this record, to which only events were added that follow from it
     thought: bool = False
-    proposed: bool = False
+    proposed: bool = False  # whether `next` has been followed until experiments run; any event makes it False
 
     def feed(self, happened: Event | Moment, state: State | None = None) -> "Study":
         """Return the study after an event, with the record's `state` after it, or after a moment."""

@@ -200,21 +200,14 @@ def _kpis(scenario: Scenario) -> list[str]:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Screened:
-    """What a screening agent knows after a record.
+    """What a screening agent knows after a record."""
 
-    Args:
-        space: Knobs of the study.
-        past: Record that it follows from: samples and answers before the open question.
-        pending: Challenger of that question; None for a follow-up question and after the last one.
-        bank: Simulated θ with their KPIs.
-        findings: What is said of the open question, or of the result.
-    """
-
-    space: KnobSpace
-    past: History
+    space: KnobSpace  # knobs of the study
+    past: History  # record that it follows from: samples and answers before the open question
+    # Challenger of that question; None for a follow-up question and after the last one
     pending: Sample | None
-    bank: Bank
-    findings: Findings
+    bank: Bank  # simulated θ with their KPIs
+    findings: Findings  # what is said of the open question, or of the result
 
     @classmethod
     def of(cls, agent: Screening, found: Findings | None = None) -> "Screened":
@@ -240,24 +233,15 @@ def past_of(agent: Agent) -> History:
 
 @dataclass(frozen=True, slots=True)
 class SimulationCounts:
-    """Numbers of what a study simulated unseen and what it showed.
+    """Numbers of what a study simulated unseen and what it showed."""
 
-    Args:
-        simulated: Number of θ simulated so far, for the open question; 0 if it is not known.
-        planned: Number of θ to simulate in the whole study.
-        failed: Number of simulations that failed.
-        shown: Number of experiments that were shown or are on show.
-        twin: Whether θ are simulated on a twin of the plant that runs what is shown.
-        due: Number of θ to simulate before the next question; 0 if nothing is simulated now.
-        seconds: About how long the runs of a question of a robust study take; 0 if that is not known.
-    """
-
-    simulated: int
-    planned: int
-    failed: int
-    shown: int
-    twin: bool = False
-    due: int = 0
+    simulated: int  # number of θ simulated so far, for the open question; 0 if it is not known
+    planned: int  # number of θ to simulate in the whole study
+    failed: int  # number of simulations that failed
+    shown: int  # number of experiments that were shown or are on show
+    twin: bool = False  # whether θ are simulated on a twin of the plant that runs what is shown
+    due: int = 0  # number of θ to simulate before the next question; 0 if nothing is simulated now
+    # About how long the runs of a question of a robust study take; 0 if that is not known
     seconds: float = 0.0
 
     @property

@@ -203,13 +203,9 @@ TYPES: Mapping[str, str] = {
 
 @dataclass(slots=True)
 class Reports:
-    """The location of the finished report, known only at the end.
+    """The location of the finished report, known only at the end."""
 
-    Args:
-        folder: Folder of the report; None until it is written.
-    """
-
-    folder: Path | None = None
+    folder: Path | None = None  # folder of the report; None until it is written
 
     def read(self, name: str) -> tuple[bytes, str] | None:
         """Return content and type of the report's file `name`, or None if it cannot be shown."""
@@ -228,21 +224,13 @@ class Reports:
 
 @dataclass(frozen=True, slots=True)
 class Pages:
-    """Handlers of everything that a browser loads without a script.
+    """Handlers of everything that a browser loads without a script."""
 
-    Args:
-        assets: Files of the page.
-        reports: Finished report.
-        token: Secret of the link.
-        port: Port, part of the cookie's name.
-        page: File of the page that the link opens.
-    """
-
-    assets: Assets
-    reports: Reports
-    token: str
-    port: int
-    page: str = "index.html"
+    assets: Assets  # files of the page
+    reports: Reports  # finished report
+    token: str  # secret of the link
+    port: int  # port, part of the cookie's name
+    page: str = "index.html"  # file of the page that the link opens
 
     async def open(self, request: Request) -> Response:
         """Return the page and set the cookie that all other requests need."""
@@ -404,44 +392,29 @@ _RECORD = {"index": digits, "unsafe": bit, "again": bit, "theta": numbers, **_BL
 
 @dataclass(frozen=True, slots=True)
 class Patience:
-    """How long a page may wait for a response, in seconds.
+    """How long a page may wait for a response, in seconds."""
 
-    Args:
-        poll: Longest wait for a change.
-        after_answer: Longest wait for the next question, which is often ready sooner.
-    """
-
-    poll: float = 10.0
-    after_answer: float = 1.0
+    poll: float = 10.0  # longest wait for a change
+    after_answer: float = 1.0  # longest wait for the next question, which is often ready sooner
 
 
 @dataclass(frozen=True, slots=True)
 class Api:
-    """Handlers of the JSON addresses. Everything that uses the interview runs in a thread.
+    """Handlers of the JSON addresses. Everything that uses the interview runs in a thread."""
 
-    Args:
-        interview: Interview to answer.
-        reports: Location of its report, known at the end.
-        closed: Event to set when the person closes the window.
-        seen: Function to call whenever a page asks for the current state; its argument says
-            whether the page waits for a change.
-        patience: How long pages may wait.
-        again: Command that resumes the study.
-        command: Command that repeats the study from the start.
-        remarks: What is no longer as it was when the study was begun.
-        stopping: Event to set when no page may wait any more.
-        waiting: What limits the pages that wait: theirs are not the threads of answers.
-    """
-
-    interview: Interview
-    reports: Reports
-    closed: threading.Event
+    interview: Interview  # interview to answer
+    reports: Reports  # location of its report, known at the end
+    closed: threading.Event  # event to set when the person closes the window
+    # Function to call whenever a page asks for the current state; its argument says whether the page waits
+    # for a change
     seen: Callable[[bool], None]
-    patience: Patience = field(default_factory=Patience)
-    again: str = ""
-    command: str = ""
-    remarks: Sequence[str] = ()
+    patience: Patience = field(default_factory=Patience)  # how long pages may wait
+    again: str = ""  # command that resumes the study
+    command: str = ""  # command that repeats the study from the start
+    remarks: Sequence[str] = ()  # what is no longer as it was when the study was begun
+    # Event to set when no page may wait any more
     stopping: threading.Event = field(default_factory=threading.Event)
+    # What limits the pages that wait: theirs are not the threads of answers
     waiting: anyio.CapacityLimiter = field(default_factory=lambda: anyio.CapacityLimiter(_TABS))
     _lock: threading.Lock = field(default_factory=threading.Lock)
     _drawing: threading.Lock = field(default_factory=threading.Lock)

@@ -78,16 +78,12 @@ class Hosts:
 
     This stops DNS rebinding: a foreign page whose name resolves to this machine still sends its
     own name, which is refused.
-
-    Args:
-        names: Names and addresses in lower case, without a port; IPv6 in brackets.
-        port: Port of the window.
-        any_address: Whether to accept every IP address, for a window that listens on all of them.
-            No foreign page can have an IP address of this machine as its name.
     """
 
-    names: frozenset[str]
-    port: int
+    names: frozenset[str]  # names and addresses in lower case, without a port; IPv6 in brackets
+    port: int  # port of the window
+    # Whether to accept every IP address, for a window that listens on all of them. No foreign page can have
+    # an IP address of this machine as its name.
     any_address: bool = False
 
     @classmethod
