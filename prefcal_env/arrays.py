@@ -67,9 +67,6 @@ def vector(name: str, value: Any, n: int, kind: Kind = "any") -> Float[np.ndarra
     """Return `n` numbers as an array, shape (n,).
 
     Args:
-        name: Its name, for messages.
-        value: The numbers.
-        n: How many are expected.
         kind: What is allowed beside NaN, which never is.
 
     Raises:
@@ -103,8 +100,6 @@ def weights(
     """Return a symmetric positive semidefinite matrix, shape (n, n); a vector is its diagonal.
 
     Args:
-        name: Its name, for messages.
-        value: The matrix, or its diagonal.
         n: Expected size; None for any.
         definite: Whether it must be positive definite.
 

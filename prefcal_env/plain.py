@@ -31,9 +31,7 @@ def from_plain(data: Any, kind: type[T], error: type[PrefcalError], what: str) -
     """Return `data` as an object of type `kind`, with every field checked.
 
     Args:
-        data: Plain data.
         kind: A dataclass or a `msgspec.Struct`.
-        error: Error to raise.
         what: Name of the data for the error, such as "an answer".
 
     Raises:
@@ -91,11 +89,9 @@ def checked(
     """Return `values` as a `table`.
 
     Args:
-        values: Plain data by key.
         table: Class with the known keys as its arguments, with their types, or `msgspec.Struct` with
             them as its fields.
         where: Place of the data, for messages; empty if the caller names it.
-        error: Error to raise.
         hint: Function that suggests one of the known names for an unknown one, as a sentence with
             a space before it; empty for none.
         given: Fields that the caller knows; they are no keys.

@@ -48,8 +48,6 @@ def conversion(one: str, other: str, *, difference: bool = False) -> Conversion 
     itself. Angles are no pure numbers: rpm converts into rad/s, but not into Hz.
 
     Args:
-        one: Unit of the value.
-        other: Unit to convert into.
         difference: Whether the value is a difference, so that 9 °C are 9 K.
     """
     found = _conversion(plain(one), plain(other), difference)
@@ -62,11 +60,7 @@ def convert(
     """Return a value in one unit, or an array of them, in the other unit.
 
     Args:
-        values: A number or an array of any shape.
-        one: Its unit.
-        other: Unit to convert into.
         what: What has the unit, for messages: "column 'level'".
-        error: Class of the exception to raise.
         difference: Whether it is a difference, so that 9 °C are 9 K.
 
     Raises:

@@ -19,10 +19,6 @@ def did_you_mean(word: str, names: Iterable[str]) -> str:
 
     Ignores case, spaces, hyphens and underscores, and finds "K_p" as the last part of
     "controller.K_p".
-
-    Args:
-        word: Name that was typed.
-        names: Names that exist.
     """
     whole: dict[str, str] = {}
     last: dict[str, str] = {}
@@ -94,10 +90,6 @@ def as_exception(error: BaseException, what: str = "run") -> Exception:
     """Return what the user's code raised as an exception with its line, see `locate`.
 
     Anything else, such as SystemExit, would end the thread or the process that handles it.
-
-    Args:
-        error: What was raised.
-        what: Name of the code for messages.
     """
     if isinstance(error, Exception):
         return locate(error)

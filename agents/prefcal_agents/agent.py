@@ -66,9 +66,7 @@ def start_points(space: KnobSpace, start: Start | None, n_max: int) -> Points:
     They replace the first samples of the initial design.
 
     Args:
-        space: Knobs to tune.
         start: One physical θ, shape (n,), or several; None or empty for no warm start.
-        n_max: Number of experiments.
 
     Raises:
         KnobError: If a θ is not in `space`; the message names the knob, the value and its unit.

@@ -137,12 +137,7 @@ class Influence:
 
 
 def influences(pool: DrawPool, history: History) -> tuple[Influence, ...]:
-    """Return the influence of each answer that teaches and prefers a side, in the order given.
-
-    Args:
-        pool: Draws of the study.
-        history: Samples and answers.
-    """
+    """Return the influence of each answer that teaches and prefers a side, in the order given."""
     found = []
     for index, comparison in enumerate(history.comparisons):
         if not comparison.teaches or not comparison.answer.preference:
@@ -358,8 +353,6 @@ def wishes(pool: DrawPool, history: History, spread: Int[np.ndarray, " r"], resu
     """Return how surely the person wanted each KPI better; only those that are sure enough are named.
 
     Args:
-        pool: Draws of the study.
-        history: Samples and answers.
         spread: Rows of the bank that fill the space, shape (r,).
         result: Row of the result.
     """

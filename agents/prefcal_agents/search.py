@@ -201,7 +201,6 @@ def step_length(history: History, n_init: int) -> float:
     Source: I. Rechenberg, "Evolutionsstrategie" (1973): the rule that one step in five succeeds.
 
     Args:
-        history: Samples and answers.
         n_init: Number of samples of the start, which are no steps.
     """
     b = Preferences.of(history).b[n_init - 1 :]
@@ -378,12 +377,7 @@ def _descend(
 
 
 class Tried:
-    """The θ that ran: none runs again, nor one that differs by less than a step in every knob.
-
-    Args:
-        space: The knobs.
-        history: Samples and answers.
-    """
+    """The θ that ran: none runs again, nor one that differs by less than a step in every knob."""
 
     def __init__(self, space: KnobSpace, history: History) -> None:
         self._space = space
@@ -692,7 +686,6 @@ def unsafe_penalty(history: History, weight: float, least_safe: float) -> Penalt
     Each unsafe sample among the latest ones halves the accepted risk.
 
     Args:
-        history: Samples and answers.
         weight: Penalty for a place that is certainly unsafe, 0 or more.
         least_safe: Minimum probability of being safe for no penalty.
     """

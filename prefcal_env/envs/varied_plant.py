@@ -31,7 +31,6 @@ def rest(
     It is found by Newton's method from (x, u), with the smallest step if several would do.
 
     Args:
-        plant: Plant.
         x: State near it, shape (n_x,).
         u: Input near it, shape (n_u,).
         d: Measured disturbances.

@@ -490,7 +490,6 @@ def limit_rows(U, X, model, u_last, hard, soft, unit):  # type: ignore[no-untype
         U: Inputs (N_u, n_u, n_v + 1), affine in the variables, relative to `u_last`.
         X: States (N + 1, n_x, n_v + 1); N is 0 without limited outputs.
         model: C, D and e of the outputs.
-        u_last: Last input.
         hard: Limits of inputs and moves.
         soft: Limits y_min and y_max, and how far each gives way: softness / √Q_ε.
         unit: Unit of the variables.

@@ -94,7 +94,6 @@ def integrate(f, x, u, d, p, times, max_step, explicit):  # type: ignore[no-unty
         x: State at time 0 (n_x,).
         u: Inputs (n_u,); `d`, `p`: disturbances and parameters.
         times: Increasing instants (K,).
-        max_step: Largest step.
         explicit: Whether to go on although the equations are too stiff.
     """
     n, count = len(x), len(times)

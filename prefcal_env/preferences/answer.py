@@ -393,7 +393,6 @@ def first_ready(queries: Iterable[Query], done: Mapping[int, int]) -> Query | No
     was done first.
 
     Args:
-        queries: The open queries.
         done: Index of each experiment that is done, to its place in the order in which they were.
     """
     places: list[tuple[int, Query]] = []

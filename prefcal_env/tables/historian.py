@@ -32,7 +32,6 @@ def tidy(
     """Return a table with one column for each signal and gaps for bad values, and where its time is.
 
     Args:
-        sheet: Table.
         time: Number of the column with the time.
         time_format: Format of time stamps as for `datetime.strptime`; None for ISO 8601.
         used: Names of columns that somebody asks for: these are what they seem.

@@ -99,7 +99,6 @@ def lines_of(text: str, wanted: Collection[str] = ()) -> Lines:
     Empty lines and lines that begin with # are left out. A second line may hold units.
 
     Args:
-        text: Text of the file.
         wanted: Expected names and headings: the separator that finds most of them is used.
 
     Raises:

@@ -146,7 +146,6 @@ def instants(
     clock that steps by an hour, and one of 12 hours, is read on where the rows leave no doubt.
 
     Args:
-        sheet: Table.
         column: Number of the column with the time.
         unit: Unit of time of the experiment; None for that of the heading, or seconds.
         time_format: Format of time stamps as for `datetime.strptime`; None for ISO 8601.

@@ -74,7 +74,6 @@ def failure(error: BaseException, what: str = "run", *, here: bool = True) -> Ru
     `Stopped` is raised again, since nothing that runs may stop it.
 
     Args:
-        error: What was raised.
         what: Name of the code for messages.
         here: Whether this is prefcal's own process, where KeyboardInterrupt may be Ctrl-C: it is
             raised again, too.

@@ -38,7 +38,6 @@ class Pool:
         work: Function that returns the pickled work, as for a `Worker`; it is called once.
         jobs: Number of workers, 1 or more.
         longest: Largest time limit of a request in seconds; infinite for none.
-        terms: On what terms requests run.
         read: Function of request and result that returns what `collect` returns.
         unloadable: Function that returns what to raise if no process can load the work.
     """

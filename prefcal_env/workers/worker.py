@@ -63,7 +63,6 @@ class Process:
     Args:
         work: Pickled function, and its arguments, that return the function of each request.
         period: Seconds after which results are sent; 0 to send each at once.
-        terms: On what terms it runs.
         bell: Event that is set when there is something to `hear`.
     """
 
@@ -245,7 +244,6 @@ class Worker:
             arguments that return the function of each request.
         limit: Time limit of a request in seconds; infinite for none. It starts once the work is
             loaded.
-        terms: On what terms requests run.
         bell: Event that is set when there is something to `poll`.
 
     Attributes:
@@ -313,7 +311,6 @@ class Worker:
         """Run a request, and return its result.
 
         Args:
-            request: The request.
             name: What `busy_with` and `stop` know it by.
             begin: Function that is called once it is this request's turn, and may raise instead.
 

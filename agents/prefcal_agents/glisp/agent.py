@@ -187,8 +187,6 @@ def confirm_best(
     Deviation: the paper asks one comparison for each experiment, and takes all answers for right.
 
     Args:
-        data: Samples and answers.
-        selection: Selected settings of the models.
         error_rate: Probability that an answer is wrong.
         sure: A rival that is worse by more than this many standard deviations is not asked about;
             with 0, only one that is probably better is.
@@ -247,7 +245,6 @@ def insertion_question(history: History, values: Float[np.ndarray, " N"]) -> tup
     Deviation: the paper asks one comparison for each experiment.
 
     Args:
-        history: Samples and answers.
         values: Ĵ at the N samples that are answered, lower is better.
     """
     new = history.answered - 1

@@ -314,7 +314,6 @@ def most_promising(
 
     Args:
         setup: Knobs to tune, and how many experiments the start has.
-        history: Samples and answers.
         fit: What is known about the person.
         penalty: Penalty for places that are likely unsafe; those with one come last.
         rng: Generator of the θ to choose from, and of the draws.

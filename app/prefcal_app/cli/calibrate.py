@@ -283,7 +283,6 @@ def calibration(
     """Claim the folder of the report, and get a study to work.
 
     Args:
-        resumed: Whether the study existed before.
         asks: Whether experiments may run, and events be written.
         keep: Whether to keep what is simulated beside the study: only if its options name all code.
     """

@@ -272,9 +272,6 @@ class Trying:
 class PlantCare:
     """What must be done on a plant before anything else: restore what an interrupted run left.
 
-    Args:
-        source: Source of the scenario.
-
     Attributes:
         recovery: Whether that is done. Nothing is read or written for a new run before it is.
         problem: What remains to be done on the plant, as a sentence; empty if nothing does.
@@ -327,10 +324,6 @@ class PlantCare:
 class UnderWay:
     """Runs of a source, by their θ; callers must hold the interview's lock.
 
-    Args:
-        source: What turns θ into experiments.
-        seed: Seed of the study.
-
     Attributes:
         plant: What must be done on the plant before anything else.
         going: Runs in progress.
@@ -381,7 +374,6 @@ class UnderWay:
         """Let the run of a sample wait, so that it can be stopped from now on.
 
         Args:
-            sample: Sample that is due next.
             unfinished: All samples without an experiment; other runs no longer wait.
             anew: Whether to make its run again, for example to read a plant's present values.
         """

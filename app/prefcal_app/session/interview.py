@@ -71,7 +71,6 @@ class Known:
     """What is known of an interview, readable from any thread.
 
     Args:
-        driver: Driver of the interview.
         scenario: Function that returns its scenario, with KPIs found in its experiments.
     """
 
@@ -327,7 +326,6 @@ class Interview:
     Experiments are run by `work`, which a `Background` calls while the person compares.
 
     Args:
-        scenario: Scenario to calibrate.
         file: Open study file with the same knobs; the interview resumes from its state.
         ahead: Whether `work` also runs the experiments that likely answers would lead to.
         asks: Whether to continue the study, which writes to its file; False only reads it.

@@ -744,8 +744,6 @@ def agent_of(state: State, space: KnobSpace, simulator: Simulator | None = None)
     """Return the agent of a study, restored with the identical next query.
 
     Args:
-        state: State of the study.
-        space: Knobs of the study.
         simulator: What an agent that simulates does so with; without it, it proposes nothing new.
 
     Raises:

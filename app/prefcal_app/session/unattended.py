@@ -79,7 +79,6 @@ def unattended(
     Comparisons that the study already held are not yielded again.
 
     Args:
-        interview: Interview to drive.
         calibrator: Calibrator that answers; None if the agent learns from scores.
         running: Function called with each θ, physical, shape (n,), before it runs.
         failed: Function called with a message for each run that crashed, raised an error or took

@@ -125,7 +125,6 @@ def key_of(
     Args:
         scenario: Scenario that simulates, with the knobs of the study.
         source: Its name, or path/to/own.py:NAME.
-        configuration: Configuration of the study.
         versions: Versions of the packages that affect results.
     """
     content = {

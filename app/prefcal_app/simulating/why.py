@@ -230,7 +230,6 @@ def menu_names(
     Args:
         menu: θ that the person might prefer to the result.
         kpis: KPIs of each as people read them, by name, lower is better.
-        result: Those of the result.
         scenario: Scenario that has the titles of the KPIs.
     """
     named, found = _namer(scenario), list[str]()

@@ -60,7 +60,6 @@ def theta_of(text: str, space: KnobSpace, base: tuple[float, ...] | None = None)
     """Return the physical θ of `knob=value, ...` in any order, shape (n,).
 
     Args:
-        text: What was typed.
         space: Knobs; a name may be shortened, and has _ for spaces.
         base: Physical θ with the values of knobs that the text leaves out; None if it names all.
 
@@ -147,7 +146,6 @@ def show_brief(brief: Mapping[str, Any], console: Console) -> None:
 
     Args:
         brief: What `brief_view` returns; what `scenario_view` returns is enough.
-        console: Where to print.
     """
     console.rule(Text(printable(brief["title"]), style="bold"))
     if brief["text"]:
@@ -216,8 +214,6 @@ def show_kpis(rows: Iterable[Mapping[str, Any]], console: Console, names: Mappin
     The title of each group, such as a maneuver, is on a line of its own.
 
     Args:
-        rows: A row for each KPI.
-        console: Where to print.
         names: Heading of each side, "left" and "right".
     """
     table = _side_by_side("KPI", names)
@@ -287,13 +283,7 @@ def show_history(answers: Sequence[Mapping[str, Any]], console: Console) -> None
 
 
 def show_status(now: Mapping[str, Any], status: Mapping[str, Any], console: Console) -> None:
-    """Print the best so far, the progress, and how consistent the answers are.
-
-    Args:
-        now: What `now_view` returns.
-        status: What `status_view` returns.
-        console: Where to print.
-    """
+    """Print the best so far, the progress, and how consistent the answers are."""
     progress, best, outlook = now["progress"], status["best"], status["outlook"]
     most, given = counted(progress["n_max"], "experiment"), counted(progress["given"], "comparison")
     lines = [f"{progress['experiments']} of {most}, {given}"]

@@ -101,7 +101,6 @@ def now_view(
     """Return NOW for the page.
 
     Args:
-        interview: Interview to show.
         blind: Whether to leave out θ and roles, which are then not even sent.
         again: Command that resumes the study.
         command: Command that repeats the study from the start.
@@ -310,7 +309,6 @@ def slices_view(
     the lowest one shown, which emphasizes low ones.
 
     Args:
-        space: Knobs.
         best: Best θ, physical, shape (n,).
         tried: θ of every experiment, physical, shape (N, n).
         surrogate: Learned cost of m physical θ.

@@ -63,7 +63,6 @@ def row(
     """Return a row.
 
     Args:
-        name: Heading of the row.
         cells: What `cell` returns, one for each column but the first.
         unit: Unit of the values; empty for none.
         aim: Objective as text; empty for none.
@@ -77,7 +76,6 @@ def cell(text: str, met: bool | None = None, kind: str = "") -> Data:
     """Return a cell.
 
     Args:
-        text: Text of the cell.
         met: Whether the value meets its objective; None if there is none.
         kind: Classes of the style sheet: "best", "words", "yes" or "no"; empty for none.
     """
@@ -345,10 +343,7 @@ def largest_difference(
     first instant of a step they differ by their full range without telling the runs apart.
 
     Args:
-        panels: Panels of both runs.
         heights: Ends of the axis of each panel, in the panel's unit.
-        left: Left run.
-        right: Right run.
 
     Returns:
         The time `t`, the number of the `panel`, and the `size` as a share of its axis; None if
@@ -382,10 +377,7 @@ def eventful(
     their last value: within the band of a target, and within 2 % of the axis.
 
     Args:
-        panels: Panels of both runs.
         axes: Axes of the panels: `x`, and `y` by panel.
-        left: Left run.
-        right: Right run.
     """
     first, last = axes["x"]
     found = [

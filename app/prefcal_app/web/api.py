@@ -265,11 +265,7 @@ _PATIENCE = 10.0  # seconds that closing waits for the runs in progress, whose r
 
 
 class Verifying:
-    """The verification of the finished report's tuning, in a thread of its own.
-
-    Args:
-        reports: Location of the report.
-    """
+    """The verification of the finished report's tuning, in a thread of its own."""
 
     def __init__(self, reports: Reports) -> None:
         self._reports, self._lock = reports, threading.Lock()

@@ -229,9 +229,7 @@ class Guard:
     piece.
 
     Args:
-        app: Application to protect.
         token: Secret of the link and of the cookie.
-        hosts: Accepted host names.
         framed: Whether pages of this machine, such as a notebook, may show the window in a frame.
     """
 

@@ -40,7 +40,6 @@ def open_browser(
     """Open `link` in a graphical browser and return whether one opened. Prints nothing.
 
     Args:
-        link: Link to open.
         environ: Environment variables; those of this process if None.
         platform: Platform name, as in `sys.platform`.
     """
@@ -200,8 +199,6 @@ def guard(pages: Pages, api: list[Route], hosts: Hosts, *, framed: bool = False)
 
     Args:
         pages: Handlers of the pages, with their files and the secret.
-        api: Routes of the API.
-        hosts: Host names of the server.
         framed: Whether pages of this machine may show the window in a frame.
     """
     app = Starlette(
@@ -251,11 +248,7 @@ _HIDDEN = 70.0  # seconds that a page in a hidden tab may be silent; browsers wa
 
 
 class Presence:
-    """A record of when a page was last open.
-
-    Args:
-        clock: Monotonic clock, in seconds.
-    """
+    """A record of when a page was last open."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
@@ -279,14 +272,12 @@ class Window(Site):
     """The query window, served inside `with Window(interview) as window:`.
 
     Args:
-        interview: Interview to show and answer.
         host: Name or address to listen on; keep the loopback address unless others need access.
         port: Port to listen on; 0 takes a free one.
         again: Command that resumes the study, shown on the page.
         command: Command that repeats the study, shown on the page.
         remarks: What is no longer as it was when the study was begun, shown on the page.
         framed: Whether pages of this machine, such as a notebook, may show the window in a frame.
-        clock: Monotonic clock, in seconds.
 
     Raises:
         SettingsError: If the port is taken or invalid, or the host is not this machine.

@@ -322,7 +322,6 @@ class Drive:
         Whatever else happens, the values from before are restored.
 
         Args:
-            trial: What is wanted.
             patience: Seconds with the same values on the plant after which nothing is waited for any more.
 
         Returns:
