@@ -103,8 +103,7 @@ def checked(
     return table(**given, **entries(values, (table,), where, error, hint, known=given))
 
 
-Keys = Mapping[str, tuple[Any, bool]]
-"""Type of each key, and whether it is required."""
+Keys = Mapping[str, tuple[Any, bool]]  # type of each key, and whether it is required
 
 
 def entries(

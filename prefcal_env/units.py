@@ -29,8 +29,7 @@ class Conversion:
         return values if self == AS_IT_IS else (values - self.offset) / self.factor
 
 
-AS_IT_IS = Conversion()
-"""Conversion into the same unit."""
+AS_IT_IS = Conversion()  # conversion into the same unit
 
 
 def same(one: str, other: str) -> bool:

@@ -54,8 +54,7 @@ def choice(name: str, value: Any, options: Collection[str]) -> None:
 
 # --- Use θ that a person already has, such as the current tuning, as the first samples.
 
-Points = tuple[tuple[float, ...], ...]
-"""Points of the cube, each of length n."""
+Points = tuple[tuple[float, ...], ...]  # points of the cube, each of length n
 Start = Sequence[Float[np.ndarray, " n"]] | Sequence[Sequence[float]] | Sequence[float] | np.ndarray
 """One physical θ, shape (n,), or several."""
 
@@ -286,8 +285,7 @@ class Strategy:
 
     version: ClassVar[int]
     """Version of the algorithm, raised when the same answers lead to another next sample."""
-    options: ClassVar[type[Settings]] = Settings
-    """Class of its further settings."""
+    options: ClassVar[type[Settings]] = Settings  # class of its further settings
     by_value: ClassVar[bool] = False
     """Whether the agent learns from scores, not preferences; then no query has an incumbent."""
     paced: ClassVar[bool] = False

@@ -107,8 +107,7 @@ def fill_kpis(history: History) -> KPIValues:
 
 
 _FEWEST = 3  # smallest number of experiments with a KPI to learn from it
-MOST = 250
-"""Maximum number of answers to learn from, so that a proposal takes less than a second."""
+MOST = 250  # maximum number of answers to learn from, so that a proposal takes less than a second
 _OLDEST = 0.25  # share of the oldest answers: their samples are spread over the whole space
 _SAMPLES = 4 / 3  # maximum number of samples that these compare, in units of `MOST`
 

@@ -61,8 +61,7 @@ Each calibrator is a function of a seed. Extensions add theirs when they are imp
 """
 FAMILIES: dict[str, Callable[[int], Any]] = {}
 """Families of scenarios by name, such as "loop" for "loop-17": functions of a seed, of extensions."""
-WORDS: Mapping[str, AgentRow] = {row.word: row for row in AGENTS if row.word}
-"""Command-line word to row."""
+WORDS: Mapping[str, AgentRow] = {row.word: row for row in AGENTS if row.word}  # command-line word to row
 
 
 def register(*rows: AgentRow) -> None:

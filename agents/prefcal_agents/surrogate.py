@@ -287,8 +287,7 @@ def _dual(
 #
 # Source: end of the section "Training a surrogate function from preferences" of the paper.
 
-FOLDS = 3
-"""K of the cross-validation, as in section IV of the paper."""
+FOLDS = 3  # K of the cross-validation, as in section IV of the paper
 
 
 @dataclass(frozen=True, slots=True)
@@ -369,8 +368,7 @@ def rescale_knob(
 # `ExpectationPropagation` learns from answers, some of which may be wrong, and `PreferenceGP` is a
 # process trained on comparisons only.
 
-SHORTEST, LONGEST = 0.03, 10.0
-"""Bounds of a length, in units of the cube."""
+SHORTEST, LONGEST = 0.03, 10.0  # bounds of a length, in units of the cube
 _ROOT5 = np.sqrt(5.0)
 _DAMPING = 0.7  # share of each step to take, for all sites at once
 _SHORT_ROW = 1e-12  # a shorter row counts as this long

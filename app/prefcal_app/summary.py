@@ -36,8 +36,7 @@ from prefcal_scenarios.wording import (
 # --- Compare two experiments KPI by KPI, what tells them apart first, for page and terminal.
 
 _FEW = 4  # minimum number of experiments whose spread tells what a large difference is
-NOTICED = 0.02
-"""Share of a KPI's value below which a difference never counts as large."""
+NOTICED = 0.02  # share of a KPI's value below which a difference never counts as large
 
 
 class Spread:
@@ -251,8 +250,7 @@ VERDICTS: Mapping[Preference | None, str] = {
 older one need not be the best so far, since follow-up comparisons can be about other runs."""
 
 
-ENOUGH = "little is left to gain"
-"""Why a study ends before its last question."""
+ENOUGH = "little is left to gain"  # why a study ends before its last question
 
 
 @dataclass(frozen=True, slots=True)

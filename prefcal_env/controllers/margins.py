@@ -113,8 +113,7 @@ _NOTHING = 1e-6  # loop gain below which its phase is rounding: no gain that mat
 _STEADY = 100.0  # steady loop gain above which there may be integral action: it is infinite but for rounding
 
 
-Point = tuple[float, complex]
-"""An angular frequency, and the loop gain there."""
+Point = tuple[float, complex]  # an angular frequency, and the loop gain there
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -160,8 +159,7 @@ class Margins:
     target: "Margins | None" = field(default=None, repr=False, compare=False)
 
 
-UNSTABLE = Margins(1.0, 1.0, 0.0, 0.0, np.inf, 0.0)
-"""Margins of a loop that is not stable."""
+UNSTABLE = Margins(1.0, 1.0, 0.0, 0.0, np.inf, 0.0)  # margins of a loop that is not stable
 
 
 def margins(plant: Plant, task: Task, make: Callable[[], Controller], *, settle: int = 200) -> Margins:

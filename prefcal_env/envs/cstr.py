@@ -15,16 +15,11 @@ from .canvas import makes
 from .plant_env import PlantEnv
 from .task import Period, Task
 
-START = 8.56
-"""C_A of the steady state at which every experiment starts, kgmol/m³."""
-TARGET = 2.0
-"""Desired C_A, kgmol/m³."""
-BAND = 0.03 * TARGET
-"""Accepted distance from `TARGET` (AR% of eq. perf_index), kgmol/m³."""
-HORIZON = 48.0
-"""Duration of an experiment, two days (t_f,max of eq. perf_index), h."""
-MAX_MOVE = 10.0
-"""Largest change of T_c from one step to the next (T_c,max), K; controllers must respect it."""
+START = 8.56  # C_A of the steady state at which every experiment starts, kgmol/m³
+TARGET = 2.0  # desired C_A, kgmol/m³
+BAND = 0.03 * TARGET  # accepted distance from `TARGET` (AR% of eq. perf_index), kgmol/m³
+HORIZON = 48.0  # duration of an experiment, two days (t_f,max of eq. perf_index), h
+MAX_MOVE = 10.0  # largest change of T_c from one step to the next (T_c,max), K; controllers must respect it
 UNSAFE_TEMPERATURE = 400.0
 """Temperature above which the experiment is stopped, K; reasonable runs peak at 383 K."""
 SETTLED_RATES = (0.04, 0.004, 0.04)

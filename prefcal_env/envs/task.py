@@ -10,8 +10,7 @@ from jaxtyping import Float, Real
 from prefcal_env.arrays import is_number, numbers
 from prefcal_env.errors import SettingsError
 
-Values = Sequence[float] | np.ndarray
-"""The n values of a signal."""
+Values = Sequence[float] | np.ndarray  # the n values of a signal
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +39,7 @@ class StepSignal:
 
 
 Vector = Float[np.ndarray, " _"]
-Signal = Vector | Callable[[float], Vector]
-"""A constant, shape (n,), or a function of time that returns one."""
+Signal = Vector | Callable[[float], Vector]  # a constant, shape (n,), or a function of time that returns one
 
 
 @dataclass(frozen=True, slots=True)

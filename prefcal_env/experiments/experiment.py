@@ -61,8 +61,7 @@ OF_OUTPUT: tuple[Kind, ...] = (
     ("recovery time", "{time}", "Time from a load until the curve stays in the band around its reference."),
 )
 """Kinds of each output with a reference."""
-SOMETIMES = ("lag", "recovery time")
-"""Those that need a ramp or a load, so that no run promises them."""
+SOMETIMES = ("lag", "recovery time")  # those that need a ramp or a load, so that no run promises them
 OF_INPUT: tuple[Kind, ...] = (
     ("total move", "{unit}", "Sum of all changes of the input: how much the actuator works."),
     ("largest move", "{unit}", "Largest change of the input from one instant to the next."),
@@ -438,8 +437,7 @@ class Experiment:
     __hash__ = None  # type: ignore[assignment]
 
 
-KPIs = Callable[[Experiment], Mapping[str, float]]
-"""Function of an experiment that returns its KPIs by name."""
+KPIs = Callable[[Experiment], Mapping[str, float]]  # function of an experiment that returns its KPIs by name
 _NAMES = ("theta", "t", "x", "u", "t_control", "u_control", "y_ref", "iterations", "solve_time", "solved")
 ARRAYS: dict[str, Any] = dict.fromkeys(_NAMES, float) | {"iterations": np.int64, "solved": bool}
 """Types of the arrays of an experiment, by name."""

@@ -320,8 +320,7 @@ def _quote(names: Collection[str]) -> str:
     return ", ".join(repr(name) for name in names)
 
 
-MEAN = "mean"
-"""What the mean over all maneuvers is called: "NAME (mean)". No maneuver can have this name."""
+MEAN = "mean"  # What the mean over all maneuvers is called: "NAME (mean)". No maneuver can have this name.
 
 
 def combined(

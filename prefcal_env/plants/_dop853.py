@@ -21,8 +21,7 @@ from prefcal_env.jit import callback, inlined, inner, kernel
 _POINTER = types.CPointer(types.float64)  # type: ignore[no-untyped-call]
 _intrinsic: Any = intrinsic
 
-SIGNATURE = types.void(_POINTER, _POINTER, _POINTER, _POINTER, _POINTER)
-"""Type of an equation."""
+SIGNATURE = types.void(_POINTER, _POINTER, _POINTER, _POINTER, _POINTER)  # type of an equation
 
 equation = partial(callback, SIGNATURE)
 """Decorator, used as `@equation()`, that compiles one equation of a plant."""
@@ -69,16 +68,14 @@ TABLE = np.load(Path(__file__).with_name("dop853.npy"))
 Rows: 0 to 11 stages, 12 the result, 13 to 15 stages of the dense output, 16 and 17 the errors
 of order 5 and 3, 18 to 21 the dense output."""
 
-RELATIVE, ABSOLUTE = 1e-10, 1e-12
-"""Tolerances of the error of a step, relative to a state and absolute."""
+RELATIVE, ABSOLUTE = 1e-10, 1e-12  # tolerances of the error of a step, relative to a state and absolute
 JUMPS = 30
 """Steps rejected twice, less 3 % of those accepted, from which on the equations are taken to jump
 again and again, as with dry friction: then steps of a thousandth of the interval are accepted."""
 STEPS = 100_000
 """Steps of the whole interval from which on its equations are taken to jump, too: then steps of a
 thousandth are accepted for the rest. Judged by the time that the last 2 `MANY` steps took."""
-MANY = 1000
-"""Steps to go from which on stiff equations are left to an implicit method; also, see `JUMPS`."""
+MANY = 1000  # steps to go from which on stiff equations are left to an implicit method; also, see `JUMPS`
 SMALLEST = 1e-14
 """Smallest step, relative to the interval. If it is not precise, the equations jump or blow up."""
 

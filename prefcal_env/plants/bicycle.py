@@ -20,8 +20,7 @@ Times = Float[np.ndarray, " K"]
 States = Float[np.ndarray, "K 3"]
 
 _SMALLEST = np.finfo(float).eps
-KMH = 1 / 3.6
-"""One km/h in m/s."""
+KMH = 1 / 3.6  # one km/h in m/s
 
 
 def _f(x, u, d, p, out):  # type: ignore[no-untyped-def]

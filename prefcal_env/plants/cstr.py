@@ -19,8 +19,7 @@ U = Float[np.ndarray, " 1"]
 Times = Float[np.ndarray, " K"]
 States = Float[np.ndarray, "K 2"]
 
-FEED = np.array([298.15, 10.0])
-"""The paper's feed stream: T_f [K], C_Af [kgmol/m³]."""
+FEED = np.array([298.15, 10.0])  # the paper's feed stream: T_f [K], C_Af [kgmol/m³]
 
 
 @dataclass(frozen=True, slots=True)

@@ -402,15 +402,13 @@ def _matrix(name: str, value: Any) -> np.ndarray:
     return numbers(value.real if real else value, name, PlantError)
 
 
-Named = str | Channel | Sequence[str | Channel]
-"""One name or channel, or one for each signal."""
+Named = str | Channel | Sequence[str | Channel]  # one name or channel, or one for each signal
 Numbers = float | Sequence[float] | np.ndarray
 Delay = Numbers | Sequence[Sequence[float]]
 """One dead time, one for each input, or a row for each output with one for each input."""
 
 
-DEAD_TIMES = ("input_delay", "output_delay", "entry_delay")
-"""Attributes of a plant that hold its dead times."""
+DEAD_TIMES = ("input_delay", "output_delay", "entry_delay")  # attributes of a plant that hold its dead times
 
 
 def scale_times(times: Any, factor: float, step: float = 0.0) -> Any:

@@ -10,8 +10,7 @@ from prefcal_env.jit import inlined, inner, kernel
 #
 # It loops over numbers only: whole-array expressions take several times as long to compile.
 
-TOLERANCE = 1e-6
-"""Share of its scale by which a residual of a solution may differ from 0."""
+TOLERANCE = 1e-6  # share of its scale by which a residual of a solution may differ from 0
 
 
 @kernel()

@@ -115,8 +115,7 @@ class Table:
     unsafe: bool = False
 
 
-Given = Table | tuple[Change, ...]
-"""What a person supplies: a record, or the changes that they confirm."""
+Given = Table | tuple[Change, ...]  # what a person supplies: a record, or the changes that they confirm
 
 
 class Run:

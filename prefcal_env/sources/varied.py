@@ -13,15 +13,13 @@ from prefcal_env.errors import SettingsError
 from prefcal_env.wording import did_you_mean
 
 Kind = Literal["parameter", "dead time", "sensor", "actuator", "task"]
-Values = Mapping[str, float]
-"""Values of factors by name, in their units; those left out are nominal."""
+Values = Mapping[str, float]  # values of factors by name, in their units; those left out are nominal
 Ranges = Mapping[str, float | Sequence[float]]
 """Relative changes by name or kind of factor: one number for both directions, or two.
 
 By its name, a factor changes as given; by its kind, its usual range grows as the kind's usual change does.
 """
-LeftOut = tuple[str, str]
-"""What is not varied, and why."""
+LeftOut = tuple[str, str]  # what is not varied, and why
 UNMODELED: tuple[LeftOut, ...] = (
     ("what the model lacks, such as a resonance", "nobody stated it: the margins say how much is bearable"),
     ("other loops, also with a wrong sign", "they are not in the model"),
@@ -42,10 +40,8 @@ BEYOND: Mapping[Kind, str] = {"sensor": "sensors", "actuator": "actuators", "tas
 the worth (docs/research/verification.md)."""
 CHANGE, SIZE, NARROWER = USUAL["parameter"], USUAL["dead time"], USUAL["actuator"]
 """Relative changes: of parameters; of dead time, loads and references; of the ranges of inputs."""
-LEAST = 0.01
-"""Smallest share of its nominal value that what cannot be 0 can have."""
-ANY, NOT_NEGATIVE = (-np.inf, np.inf), (0.0, np.inf)
-"""Possible values of a factor."""
+LEAST = 0.01  # smallest share of its nominal value that what cannot be 0 can have
+ANY, NOT_NEGATIVE = (-np.inf, np.inf), (0.0, np.inf)  # possible values of a factor
 
 
 @dataclass(frozen=True, slots=True)

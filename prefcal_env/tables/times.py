@@ -13,8 +13,7 @@ from prefcal_env.wording import and_more
 
 from .sheet import Sheet, almost_a_number, parts_of
 
-MAX_GAP = 10.0
-"""Longest step of time that is no gap, in median steps."""
+MAX_GAP = 10.0  # longest step of time that is no gap, in median steps
 
 # --- Find the column with the time by the words of its heading.
 

@@ -26,16 +26,12 @@ class Kind(Enum):
 
     REQUESTS = "requests"
     """To the process: what to run, a list of pickled requests; the first message is the work."""
-    READY = "ready"
-    """From it: the work is loaded."""
-    RESULTS = "results"
-    """From it: the next pickled results, and the seconds that they took."""
-    ERROR = "error"
-    """From it: why the work cannot be loaded, or where its code was when it was ended."""
+    READY = "ready"  # from it: the work is loaded
+    RESULTS = "results"  # from it: the next pickled results, and the seconds that they took
+    ERROR = "error"  # from it: why the work cannot be loaded, or where its code was when it was ended
 
 
-Message = tuple[Kind, bytes]
-"""A kind, and pickled content."""
+Message = tuple[Kind, bytes]  # a kind, and pickled content
 Work = Callable[[Any], Any]
 """What a worker does with each request. If it has a method `last_words`, the text that this returns
 is printed if prefcal is gone while a request runs."""

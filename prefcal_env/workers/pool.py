@@ -19,8 +19,7 @@ _UNKNOWN = 60.0  # time limit of a gentle request in seconds until then
 _SHORTEST, _TIMES = 5.0, 10.0
 """Time limit afterwards: this many seconds, or this many times the median if that is more."""
 
-Arrived = tuple[int, Any, Any]
-"""Number, request and result, which is a RunError if there is none."""
+Arrived = tuple[int, Any, Any]  # number, request and result, which is a RunError if there is none
 
 
 def usable_cores() -> int:

@@ -25,8 +25,7 @@ from prefcal_env.errors import RunError
 
 from .inside import Kind, Message, receive, send
 
-GRACE = 2.0
-"""Seconds for the user's code to stop its plant (finally, with) before it is killed."""
+GRACE = 2.0  # seconds for the user's code to stop its plant (finally, with) before it is killed
 MARK = "PREFCAL_WORKER"
 """Variable of the environment with the mark of a worker process; "prefcal-...-MARK-..." in the temporary
 folder is removed when the process has ended, however it did."""
@@ -204,8 +203,7 @@ class Process:
 
 # --- Run requests in a process that may die, hang or be stopped, and that is replaced then.
 
-ATTEMPTS = 2
-"""Number of processes that a request may cost: the first may have been killed from outside."""
+ATTEMPTS = 2  # number of processes that a request may cost: the first may have been killed from outside
 _UNLOADED = 3  # number of processes that may die in a row without loading the work
 _PERIOD = 0.05  # seconds after which results are sent, if no request has a time limit
 _AHEAD = 0.1  # seconds of work that a process has at hand
@@ -214,11 +212,9 @@ _AT_HAND, _SHORT = 2, 1.0
 after a longer one, it gets one at a time, which nobody else could run meanwhile."""
 _LOADING = 120.0  # minimum time limit in seconds for loading the work, however short its requests are
 _LONG = 5.0  # seconds after which a request that was ended counts as hanging
-LOOK = 0.2
-"""Longest wait in seconds: after it, the process is looked at."""
+LOOK = 0.2  # longest wait in seconds: after it, the process is looked at
 
-Found = tuple[int, Any]
-"""Number of a request, and its result, or the RunError that says why it has none."""
+Found = tuple[int, Any]  # number of a request, and its result, or the RunError that says why it has none
 
 
 @dataclass(slots=True)

@@ -28,8 +28,7 @@ from .scenario import Scenario, with_ranges
 _BEYOND = 30.0  # seconds after the time limit when the process ends itself, in case prefcal is gone
 _LONGEST = 1e6  # longest time limit in seconds that the process can watch itself
 
-Ranges = dict[str, Any] | None
-"""Ranges of a study as plain data; None for those of the scenario."""
+Ranges = dict[str, Any] | None  # ranges of a study as plain data; None for those of the scenario
 
 
 class OwnSource(Source):
@@ -85,8 +84,7 @@ def _source_of(scenario: Scenario, ranges: Ranges) -> Source:
 
 # --- Move the run of a scenario into worker processes that load the user's file.
 
-DEFAULT_LIMIT = 3600.0
-"""Default time limit of a run in seconds, longer than most simulations."""
+DEFAULT_LIMIT = 3600.0  # default time limit of a run in seconds, longer than most simulations
 
 
 class Isolated(Source):

@@ -5,8 +5,7 @@ from collections.abc import Iterable, Mapping
 
 from prefcal_env.optional import ENDINGS, WORLDS
 
-CASES = ("cstr", "overtake")
-"""Names of the paper's case studies."""
+CASES = ("cstr", "overtake")  # names of the paper's case studies
 CLOSED_LOOPS = (
     "lag",
     "integrating",

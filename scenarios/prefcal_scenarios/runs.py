@@ -32,10 +32,8 @@ from .scenario import KPI, Scenario
 
 # --- What an agent can learn about an experiment besides θ: the scenario's KPIs and generic ones.
 
-INTERRUPTED = "interrupted"
-"""Name of the KPI that is 1 for a run that was stopped or failed, and 0 otherwise."""
-WORST = "worst"
-"""Group of the KPIs that are the worst of all maneuvers."""
+INTERRUPTED = "interrupted"  # name of the KPI that is 1 for a run that was stopped or failed, and 0 otherwise
+WORST = "worst"  # group of the KPIs that are the worst of all maneuvers
 
 
 class HasKPIs(Protocol):

@@ -17,8 +17,7 @@ BEST, OTHERS, FIRST = "#0a66c2", ("#d9610a", "#8a4fb0", "#7a6a10"), "#7f8893"
 INK, FAINT, GRID = "#1f2933", "#5d6874", "#e4e8ec"
 _DASHES: tuple[Any, ...] = ((0, (5, 1.6)), (0, (1.5, 1.2)), "-")
 GOOD, LIMIT = "#12805c", "#b9463c"
-WIDTH, DPI = 8.4, 140
-"""Width in inches and resolution in dots per inch: about 1180 pixels, sharp in a README."""
+WIDTH, DPI = 8.4, 140  # width in inches and resolution in dots per inch: about 1180 pixels, sharp in a README
 
 _RC: Any = {
     "font.family": "DejaVu Sans",

@@ -23,8 +23,7 @@ _SUBSCRIPTED = re.compile(r"([^\W_]+)_(\w+)")
 # Not between quotes, whose end is an entity in HTML: what is there is typed.
 _SYMBOL = re.compile(r"(?<![\w./:;-])([A-Za-z])_(\w{1,2})(?!\w|=|[./:]\w)")
 
-MISSING = "–"
-"""Text of a value that is not known."""
+MISSING = "–"  # text of a value that is not known
 
 
 def number(value: float | None) -> str:
@@ -147,8 +146,7 @@ def meaning(kpi: KPI) -> str:
 
 INTERRUPTED = "unsafe: run interrupted"
 """Text for an experiment that counts as unsafe although no person marked it."""
-CUT_SHORT = "run cut short, it could no longer win"
-"""Text for an experiment whose run was cut short."""
+CUT_SHORT = "run cut short, it could no longer win"  # text for an experiment whose run was cut short
 
 
 def ended_text(experiment: Experiment) -> str:

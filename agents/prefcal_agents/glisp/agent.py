@@ -139,8 +139,7 @@ def _penalty(setup: GLISpSetup, history: History) -> Penalty | None:
 _APART = 10  # number of experiments between two questions that are only based on a suspicion
 _SURE = 2.0  # A difference of at least this many standard deviations is certain enough not to ask
 _RIVALS = 9  # samples next to the best, by Ĵ
-FINALS = 3
-"""Maximum number of questions after the last experiment."""
+FINALS = 3  # maximum number of questions after the last experiment
 
 
 def follow_up(history: History, models: ModelSelection, settings: GLISpSettings) -> tuple[int, int] | None:
@@ -305,8 +304,7 @@ def final_question(history: History) -> tuple[int, int] | None:
 # The draws' own chance is too sure. So it enters a formula with how the answers went, which was fitted to
 # simulated people of eleven kinds, and checked on other loops and people (docs/research/certificate.md).
 
-FROM = 5
-"""Number of answers from which on something can be said."""
+FROM = 5  # number of answers from which on something can be said
 _CHANCE = (-0.69, 0.48, -0.25)
 """Coefficients of the logit of the chance: a constant, then of what `Foresight.terms` returns.
 

@@ -149,8 +149,7 @@ class GLISpSettings(Settings):
         )
 
 
-GLISpSetup = Setup[GLISpSettings]
-"""Everything that stays the same during a study of GLISp."""
+GLISpSetup = Setup[GLISpSettings]  # everything that stays the same during a study of GLISp
 
 
 # --- What GLISp learns from KPIs and proposes by them: draws of what the person wants.
@@ -420,11 +419,9 @@ def rows_of(preferences: Preferences, shape: Shape) -> Constraints:
 
 # --- Select the models of GLISp after each experiment (shapes of φ, noise test), and train Ĵ.
 
-FEW = 20
-"""Number of experiments before the process takes turns."""
+FEW = 20  # number of experiments before the process takes turns
 _TESTED = 5  # number of experiments between two tests of whether KPIs explain the answers
-SELDOM = 10
-"""Number of experiments between two validations, or two noise tests, from then on."""
+SELDOM = 10  # number of experiments between two validations, or two noise tests, from then on
 _SHAPE_AT = 5  # of ten; noise tests are at 0, so no proposal waits for both
 
 

@@ -52,8 +52,7 @@ from .studies.files import completed, existing, open_described
 
 # --- Handle Ctrl-C at any moment: acknowledge it, stop, and keep all results in whole files.
 
-INTERRUPTED = 130
-"""Exit code after Ctrl-C, as in shells."""
+INTERRUPTED = 130  # exit code after Ctrl-C, as in shells
 _ALSO = ("SIGTERM", "SIGHUP")  # signals that end a program like Ctrl-C does: `kill`, and closing the terminal
 
 
@@ -121,8 +120,7 @@ def interruption(*, others: bool = False) -> Iterator[Interruption]:
 # --- An open study with all that works on it: its interview, its simulator and its report.
 
 _SOON = 0.5  # seconds after which it is said what takes time, where no spinner can turn
-SAID_SOON = 2.0
-"""Longest wait, in seconds, for what is said of a result before its first report is written."""
+SAID_SOON = 2.0  # longest wait, in seconds, for what is said of a result before its first report is written
 
 
 class Reported(NamedTuple):
@@ -131,8 +129,7 @@ class Reported(NamedTuple):
     best: int | None
     answers: int
     over: bool
-    kept: int
-    """What was confirmed on the plant, 0 for nothing."""
+    kept: int  # what was confirmed on the plant, 0 for nothing
 
 
 @dataclass(frozen=True, slots=True)
@@ -374,10 +371,8 @@ def report_of(given: Mapping[str, Any]) -> None:
 
 # --- Run `prefcal calibrate`: open the study, collect the answers, and write the report.
 
-RUN_FAILED = 1
-"""Exit code if the user's own scenario code ended an unattended study."""
-GONE = 20.0
-"""Seconds from closing the last page of a finished study to the end of the command."""
+RUN_FAILED = 1  # exit code if the user's own scenario code ended an unattended study
+GONE = 20.0  # seconds from closing the last page of a finished study to the end of the command
 
 
 def run(given: Mapping[str, Any]) -> int:

@@ -13,21 +13,17 @@ from prefcal_agents.registry import WORDS
 
 from .parameters import Stored, kept_by, parameters_of
 
-HUMAN = "human"
-"""Name of the calibrator that is a person."""
+HUMAN = "human"  # name of the calibrator that is a person
 
-SYNTHETIC = "synthetic"
-"""Name of the calibrator that compares by a cost."""
+SYNTHETIC = "synthetic"  # name of the calibrator that compares by a cost
 
-SCORE = "score"
-"""Name of the calibrator if the agent learns from the scenario's score, with no comparisons."""
+SCORE = "score"  # name of the calibrator if the agent learns from the scenario's score, with no comparisons
 
 MOST, MOST_SIMULATED, MOST_PROCESSES, MOST_SEED = 10_000, 100_000, 256, 2**63 - 1
 """Largest number of experiments that a person or their agent could still handle, that a study could
 simulate, of processes that a machine could handle, and seed that a study file could hold."""
 
-BY_VALUE = tuple(word for word, row in WORDS.items() if row.by_value)
-"""The agents that are told scores."""
+BY_VALUE = tuple(word for word, row in WORDS.items() if row.by_value)  # the agents that are told scores
 
 SIMULATING = tuple(word for word, row in WORDS.items() if row.simulates)
 """The agents that simulate experiments which nobody looks at."""

@@ -55,10 +55,8 @@ from .study import (
 
 # --- Say what an action is: bounded fields, when it can be taken, and what it does.
 
-LARGEST_NUMBER = 2**53 - 1
-"""Largest whole number that JavaScript, JSON and SQLite all hold exactly."""
-LONGEST_TEXT = 10_000
-"""Maximum number of characters of a comment or note."""
+LARGEST_NUMBER = 2**53 - 1  # largest whole number that JavaScript, JSON and SQLite all hold exactly
+LONGEST_TEXT = 10_000  # maximum number of characters of a comment or note
 
 Whole = Annotated[int, Meta(ge=0, le=LARGEST_NUMBER)]
 Signed = Annotated[int, Meta(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
@@ -85,12 +83,9 @@ class Action(Struct, frozen=True, forbid_unknown_fields=True):
     If the file cannot be written, it raises StudyError and changes nothing.
     """
 
-    when: ClassVar[frozenset[Phase]] = frozenset(Phase)
-    """Phases in which it can be taken."""
-    otherwise: ClassVar[str] = ""
-    """What is said in the other phases."""
-    beside: ClassVar[bool] = False
-    """Whether it can be taken while a plant is being changed."""
+    when: ClassVar[frozenset[Phase]] = frozenset(Phase)  # phases in which it can be taken
+    otherwise: ClassVar[str] = ""  # what is said in the other phases
+    beside: ClassVar[bool] = False  # whether it can be taken while a plant is being changed
 
     @classmethod
     def refusal(cls, study: Study) -> PrefcalError | None:

@@ -51,8 +51,7 @@ from .study import (
 
 LIKELY = (Preference.CHALLENGER, Preference.INCUMBENT, Preference.TIE, None)
 """Possible answers, the most likely first."""
-LIKELIEST = 3
-"""Number of answers to prepare if each of them takes simulations."""
+LIKELIEST = 3  # number of answers to prepare if each of them takes simulations
 _KEPT = 36  # number of experiments in memory: a few questions' worth, so that an undo finds them, too
 
 
@@ -67,12 +66,9 @@ class Prefetch:
     _tried: set[Answer] = field(default_factory=set)
     _experiments: OrderedDict[Point, Experiment] = field(default_factory=OrderedDict)
     _failures: dict[Point, Exception] = field(default_factory=dict)
-    next: Point | None = None
-    """θ that a copy proposes and that should run next, physical."""
-    busy: Answer | None = None
-    """Answer that a copy is learning now, in the background."""
-    silent: bool = False
-    """Whether what is said of the open question or the result could not be worked out."""
+    next: Point | None = None  # θ that a copy proposes and that should run next, physical
+    busy: Answer | None = None  # answer that a copy is learning now, in the background
+    silent: bool = False  # whether what is said of the open question or the result could not be worked out
 
     def missing(self, asked: Question, most: int = len(LIKELY)) -> Answer | None:
         """Return the next of the `most` likeliest answers to `asked`; None if all were tried."""
@@ -128,13 +124,11 @@ class Thoughts:
 
     simulator: Simulator | None = None
     """What the agent simulates with; None if it simulates nothing."""
-    twin: Scenario | None = None
-    """Model that θ are simulated on; None if that is the scenario itself."""
+    twin: Scenario | None = None  # model that θ are simulated on; None if that is the scenario itself
     prefetch: Prefetch = field(default_factory=Prefetch)
     screened: Screened | None = None
     """What the latest question was chosen from, by simulations."""
-    about: History | None = None
-    """The record whose next query is being chosen in the background."""
+    about: History | None = None  # the record whose next query is being chosen in the background
 
     def grounds(self, agent: Agent) -> Screened | None:
         """Return what the open question of `agent` was chosen from; None while it is not known."""
@@ -453,8 +447,7 @@ class Driver:
     store: ExperimentStore
     agent: Agent
     thoughts: Thoughts
-    at_once: int = 1
-    """Number of experiments that run at the same time."""
+    at_once: int = 1  # number of experiments that run at the same time
     version: int = 0
     latest: Latest = Latest()
     study: Study = field(init=False)
@@ -462,10 +455,8 @@ class Driver:
     underway: UnderWay = field(init=False)
     changed: threading.Condition = field(default_factory=lambda: threading.Condition(threading.RLock()))
     """Lock; it is notified of each change."""
-    closing: bool = False
-    """Whether no more work is taken."""
-    has_background: bool = False
-    """Whether threads take work in the background."""
+    closing: bool = False  # whether no more work is taken
+    has_background: bool = False  # whether threads take work in the background
     _question: Question | None = None
     _problem: Exception | None = None
 

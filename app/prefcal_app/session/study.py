@@ -66,8 +66,7 @@ from prefcal_scenarios.scenario import Scenario, with_ranges
 
 UNSAFE: Final = "unsafe"
 GOOD_ENOUGH: Final = "good enough"
-MARKS = (UNSAFE, GOOD_ENOUGH)
-"""Marks that a person can give an experiment, apart from any verdict."""
+MARKS = (UNSAFE, GOOD_ENOUGH)  # marks that a person can give an experiment, apart from any verdict
 
 _CHALLENGER = {UNSAFE: Mark.CHALLENGER_UNSAFE, GOOD_ENOUGH: Mark.CHALLENGER_GOOD_ENOUGH}
 _INCUMBENT = {UNSAFE: Mark.INCUMBENT_UNSAFE, GOOD_ENOUGH: Mark.INCUMBENT_GOOD_ENOUGH}
@@ -160,18 +159,12 @@ class Question:
 class Phase(Enum):
     """What a study waits for."""
 
-    RUNNING = "running"
-    """A proposal is being computed or an experiment is being run."""
-    RECORD = "record"
-    """The person must run the experiment and provide its record."""
-    CONFIRM = "confirm"
-    """The person must confirm what is written to a live plant."""
-    FAILED = "failed"
-    """The run raised an error, or the study file could not be written."""
-    QUESTION = "question"
-    """The person must answer the open question."""
-    OVER = "over"
-    """The study has ended: all is compared, one is good enough, or the person finished it."""
+    RUNNING = "running"  # A proposal is being computed or an experiment is being run
+    RECORD = "record"  # the person must run the experiment and provide its record
+    CONFIRM = "confirm"  # the person must confirm what is written to a live plant
+    FAILED = "failed"  # the run raised an error, or the study file could not be written
+    QUESTION = "question"  # the person must answer the open question
+    OVER = "over"  # the study has ended: all is compared, one is good enough, or the person finished it
 
 
 class Recovery(Enum):
@@ -238,10 +231,8 @@ class Now:
 
 # --- Say what a study needs next: a function of its agent and its record, without input or output.
 
-PERSON = "human"
-"""Who answers, in the configuration of a study."""
-ALL_COMPARED = "all compared"
-"""Why a study ends after its last question."""
+PERSON = "human"  # who answers, in the configuration of a study
+ALL_COMPARED = "all compared"  # why a study ends after its last question
 _SIDES, _REPEATS, _TRIALS = 11, 12, 13  # streams of the study's seed; agents use other ones
 
 
@@ -678,8 +669,7 @@ def agent_as_dict(agent: Agent) -> dict[str, Any]:
     return agent.configuration
 
 
-QUESTIONS = "questions_per_experiment"
-"""Name of the agent's setting for comparisons per experiment."""
+QUESTIONS = "questions_per_experiment"  # name of the agent's setting for comparisons per experiment
 
 
 def questions_of(configuration: Mapping[str, Any]) -> int:

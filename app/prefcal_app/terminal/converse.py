@@ -36,8 +36,7 @@ from .showing import (
     typed,
 )
 
-ANSWER = "answer"
-"""Words that ask for an answer."""
+ANSWER = "answer"  # words that ask for an answer
 # Letters that the page has as keys mean the same there.
 CHOICES = {
     "l": Choice.LEFT,
@@ -69,15 +68,12 @@ class _Conversation:
     line: Callable[[str], str]
     blind: bool = False
     comment: str = ""
-    shown: object = None
-    """What was printed last: a question, or the version at which a record was asked for."""
+    shown: object = None  # what was printed last: a question, or the version at which a record was asked for
     seen: Seen = field(default_factory=Seen)
     compiles: bool = False
-    paced: bool = False
-    """Whether it was said how long a question takes."""
+    paced: bool = False  # whether it was said how long a question takes
     dialed: tuple[float, ...] | None = None
-    missing: object = None
-    """Where it was last said that the plant lacks its old values."""
+    missing: object = None  # where it was last said that the plant lacks its old values
     typed: Callable[[], str | None] = typed
 
     def run(self) -> None:

@@ -188,14 +188,10 @@ HEADERS: Mapping[bytes, bytes] = MappingProxyType(
 )
 FRAMING = b"http://127.0.0.1:* http://localhost:*"
 """Pages that may show a window in a frame if its owner asks for that: those of this machine."""
-LARGEST_HEAD = 32 * 1024
-"""Maximum bytes of an address and all headers."""
-LARGEST_BODY = 64 * 1024
-"""Maximum bytes of a JSON body."""
-LARGEST_RECORD = 20 * 1024 * 1024
-"""Maximum bytes of a rig's record."""
-BODY_SECONDS = 60.0
-"""Seconds within which a body must arrive."""
+LARGEST_HEAD = 32 * 1024  # maximum bytes of an address and all headers
+LARGEST_BODY = 64 * 1024  # maximum bytes of a JSON body
+LARGEST_RECORD = 20 * 1024 * 1024  # maximum bytes of a rig's record
+BODY_SECONDS = 60.0  # seconds within which a body must arrive
 RECORD_PATHS = ("/api/record", "/api/preview")
 OPEN_PATH = "/open/"
 _METHODS = ("GET", "HEAD", "POST")
@@ -375,10 +371,8 @@ def _with_headers(send: Send, framed: bool) -> Send:
 
 # --- Limit connections that keep the window waiting, in time and in number per peer.
 
-HEAD_SECONDS = 10.0
-"""Seconds within which the address and the headers of a request must arrive."""
-MOST_WAITING = 32
-"""Maximum number of connections per peer without a complete request; browsers open six."""
+HEAD_SECONDS = 10.0  # seconds within which the address and the headers of a request must arrive
+MOST_WAITING = 32  # maximum number of connections per peer without a complete request; browsers open six
 _AFTER = 5.0  # extra seconds after `BODY_SECONDS`, for sending the error to the person
 
 _BUSY = (

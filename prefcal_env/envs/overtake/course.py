@@ -35,10 +35,8 @@ from .scene import (
     surely_apart,
 )
 
-SUB_STEP = 0.02
-"""Longest step between recorded instants [s]."""
-ROAD_MARGIN = 1.0
-"""Distance off the road at which a body has left it [m]."""
+SUB_STEP = 0.02  # longest step between recorded instants [s]
+ROAD_MARGIN = 1.0  # distance off the road at which a body has left it [m]
 _PLANT, _NONE = Bicycle(), np.zeros(0)
 
 

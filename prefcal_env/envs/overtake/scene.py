@@ -18,29 +18,21 @@ from prefcal_env.plants.bicycle import KMH, Bicycle
 #
 # Positions are those of front ends on the center line: x ahead, y to the left [m].
 
-Position = TypeVar("Position", float, np.ndarray[Any, Any])
-"""One position x [m], or several, shape (n,)."""
+Position = TypeVar("Position", float, np.ndarray[Any, Any])  # one position x [m], or several, shape (n,)
 
-LENGTH, WIDTH = 4.5, 1.8
-"""Length and width of every vehicle [m]."""
-LANE_WIDTH = 4.0
-"""Width of each of the two lanes, centered at y = 0 and `LANE_WIDTH` [m]; not in the paper."""
-ROAD = (-LANE_WIDTH / 2, 1.5 * LANE_WIDTH)
-"""Right and left edge of the road, y [m]."""
+LENGTH, WIDTH = 4.5, 1.8  # length and width of every vehicle [m]
+LANE_WIDTH = 4.0  # width of each of the two lanes, centered at y = 0 and `LANE_WIDTH` [m]; not in the paper
+ROAD = (-LANE_WIDTH / 2, 1.5 * LANE_WIDTH)  # right and left edge of the road, y [m]
 SAFETY_DISTANCE = 10.0
 """Overtaking begins when the gap falls below it and ends when it is as large behind [m]."""
-MIN_LATERAL_DISTANCE = 3.0
-"""Smallest distance between the center lines while overtaking [m]."""
-T_S_RANGE = (0.085, 0.5)
-"""Range of sampling times [s]."""
+MIN_LATERAL_DISTANCE = 3.0  # smallest distance between the center lines while overtaking [m]
+T_S_RANGE = (0.085, 0.5)  # range of sampling times [s]
 LOW, HIGH = np.array([(c.low, c.high) for c in Bicycle.inputs]).T
 """Limits of v [m/s] and δ_s [rad] of the ego vehicle."""
-KEEPING_SPEED, OVERTAKING_SPEED = 50 * KMH, 60 * KMH
-"""References of v in the two phases [m/s]."""
+KEEPING_SPEED, OVERTAKING_SPEED = 50 * KMH, 60 * KMH  # references of v in the two phases [m/s]
 KEEPING_SPEEDS, OVERTAKING_SPEEDS = (40 * KMH, 70 * KMH), (50 * KMH, 70 * KMH)
 """Limits of v in the two phases [m/s]."""
-OBSTACLE_SPEED = 40 * KMH
-"""Constant speed of the paper's obstacle [m/s]."""
+OBSTACLE_SPEED = 40 * KMH  # constant speed of the paper's obstacle [m/s]
 MISHAP_COST = 10.0
 """Stage cost for the rest of the horizon after a mishap [1/s]: no reasonable state costs as much,
 so it never pays to end an episode."""
@@ -209,10 +201,8 @@ _ROUNDING = 1e-9  # distance far above rounding errors and far below any that ma
 
 REACH = float(np.hypot(LENGTH, WIDTH / 2))
 """Distance from the front end to the farthest point of the body [m]."""
-CONTACT = 1e-3
-"""Distance below which bodies have touched [m]."""
-BENT = 1.1
-"""Factor by which a path between two close instants may be longer than its chord."""
+CONTACT = 1e-3  # distance below which bodies have touched [m]
+BENT = 1.1  # factor by which a path between two close instants may be longer than its chord
 
 Times = Float[np.ndarray, " K"]
 Poses = Float[np.ndarray, "K 3"]

@@ -20,8 +20,7 @@ from prefcal_env.optional import world
 from prefcal_env.units import AS_IT_IS, Conversion, conversion, plain, same
 from prefcal_env.wording import did_you_mean
 
-Scales = Mapping[str, Conversion]
-"""Units by name, each with its conversion from the FMU's unit."""
+Scales = Mapping[str, Conversion]  # units by name, each with its conversion from the FMU's unit
 _TRUE = ("true", "1")
 
 

@@ -41,8 +41,7 @@ class Driven:
 
 Confirm = Callable[[tuple[Change, ...]], bool]
 """Function that shows a person what will be written and returns whether they confirm it."""
-Tell = Callable[[Progress], None]
-"""Function that is called after every sample."""
+Tell = Callable[[Progress], None]  # function that is called after every sample
 
 
 Row = tuple[float, Mapping[str, float]]
@@ -190,8 +189,7 @@ class Writer:
             self._known[knob.name] = _Known(value, self._clock(), known.value)
 
 
-SLACK = 10
-"""Additional periods that a plant may take to show a written value."""
+SLACK = 10  # additional periods that a plant may take to show a written value
 _PATIENCE = 10.0
 """Seconds without progress, or without a connection, that are waited for at least once the process
 was told to end; the old values are then restored at the next start."""

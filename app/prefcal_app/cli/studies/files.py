@@ -63,8 +63,7 @@ from prefcal_scenarios.wording import labeled, mark_text, number, printable
 
 # --- Find study files, open them safely, list them, and show one.
 
-EXPERIMENT = re.compile(r"(.+):(\d+|best)")
-"""An experiment of a study, as people name it: MINE:3, MINE:best."""
+EXPERIMENT = re.compile(r"(.+):(\d+|best)")  # an experiment of a study, as people name it: MINE:3, MINE:best
 
 
 def numbered(name: str, which: str, state: State) -> int:

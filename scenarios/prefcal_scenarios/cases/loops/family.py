@@ -31,10 +31,8 @@ from .plants import (
 
 # --- What the makers of the loops share: parameters, knobs and the usual task.
 
-CASCADE = ("_outer", "_inner")
-"""Suffixes of the knobs of a cascade."""
-Vary = Callable[[float], float]
-"""Function that returns the value to use in place of a positive nominal one."""
+CASCADE = ("_outer", "_inner")  # suffixes of the knobs of a cascade
+Vary = Callable[[float], float]  # function that returns the value to use in place of a positive nominal one
 
 
 def nominal(value: float) -> float:

@@ -19,8 +19,7 @@ from prefcal_env.plants.plant import Equations, compiled
 # A right-hand side reads the parameters by their position. The code loops over numbers and uses no
 # slices, which take seconds to compile.
 
-GRAVITY = 9.81
-"""m/s²"""
+GRAVITY = 9.81  # m/s²
 _STANDSTILL = 0.02
 """Speed below which Coulomb friction fades, in rad/s: a sign function would need tiny steps."""
 
@@ -231,15 +230,13 @@ def derivative(kind, p, x, u, d, dx):  # type: ignore[no-untyped-def]
 
 # --- Compiled control laws: PID, cascade of two PIDs, and linear state feedback.
 
-PID, CASCADE, FEEDBACK = range(3)
-"""Kinds of laws."""
+PID, CASCADE, FEEDBACK = range(3)  # kinds of laws
 
 # Columns of a row of PID gains.
 GAIN, INTEGRAL, DERIVATIVE, FILTER, WEIGHT, TRACKING, BIAS, LOW, HIGH, STAGES, HYSTERESIS = range(11)
 # Columns of a row of the memory.
 _STARTED, _INTEGRATOR, _FILTERED, _OUTPUT = range(4)
-MEMORY = 4
-"""Number of columns of the memory, which has one row for each row of gains."""
+MEMORY = 4  # number of columns of the memory, which has one row for each row of gains
 # Columns of a row of the actuators.
 _STICTION, _BACKLASH, _RESOLUTION, _LOWEST = range(4)
 

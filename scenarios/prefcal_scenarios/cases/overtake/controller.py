@@ -143,8 +143,7 @@ class Fixed:
     Q_eps: float = 10.0
 
 
-PAPER = Fixed()
-"""Settings of the case study."""
+PAPER = Fixed()  # settings of the case study
 STEERING_LIMITS: Mapping[str, Fixed] = {
     "per second": PAPER,
     "per step": Fixed(steering_rate=inf, steering_move=0.0873),

@@ -107,8 +107,7 @@ _BUILDING, _SOLVING = 4.9e8 / SLOWER, 2.2e10 / SLOWER  # operations per second
 # Measured on that core: 5 to 95 % of the steps took 0.9 to 1.15 of the modeled time. How the
 # paper's time splits up is not known; the shares are those of the core.
 
-N_X, N_U, N_Y = 3, 2, 3
-"""Numbers of states, inputs and outputs of the bicycle."""
+N_X, N_U, N_Y = 3, 2, 3  # numbers of states, inputs and outputs of the bicycle
 _PRODUCTS = 20  # matrix products in one exact discretization: the series and some squarings
 
 
