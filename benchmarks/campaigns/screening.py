@@ -59,8 +59,7 @@ GROUPS = {
     "rough-held-out": tuple(f"rough-{number}" for number in range(900, 915)),
 }
 """Loops by group. Nobody develops or tunes an agent on those that are held out."""
-DEVELOPED = ("rough",)
-"""Groups on which agents are developed: they run only if asked for."""
+DEVELOPED = ("rough",)  # groups on which agents are developed: they run only if asked for
 TASTES = ("weights", "priorities", "limits", "narrow", "rising", "trade", "order", *OTHERS)
 """The first five notice every difference, at least in the end. The learner has trade-offs and
 orders, too."""

@@ -27,8 +27,7 @@ OTHERS = ("ideal", "majority", "ranks", "curves")
 """People with eyes whose form the learner does not have; the headline is about them."""
 NOISES = ("-noisy10", "-noisy20")
 ANSWERS = (0, 3, 5, 10, 20, 50)
-FIRST, WITHIN = 10, 5
-"""Questions among which ties are counted, and within which a pair should not come again."""
+FIRST, WITHIN = 10, 5  # questions among which ties are counted, and within which a pair should not come again
 _NOISY_AT = 20
 REACTOR_SHOWN, OVERTAKING_SHOWN = 12, 10
 _SHOWN = (8, REACTOR_SHOWN)  # numbers of experiments after which the reactor's index is told

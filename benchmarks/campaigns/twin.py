@@ -47,12 +47,10 @@ from prefcal_env.preferences.answer import Outcome as Kpis
 from prefcal_scenarios import load, simulator
 from prefcal_scenarios.scenario import Scenario
 
-PLANTS = (*range(900, 915), *range(7000, 7005))
-"""Seeds of the plants, on which nothing was developed."""
+PLANTS = (*range(900, 915), *range(7000, 7005))  # seeds of the plants, on which nothing was developed
 TWINS = ("1", "3", "6", "10", "signs", "other")
 AGENTS = ("corrected", "believing", "GLISp", "RandomSearch")
-WITHOUT = "none"
-"""Name of the twin of agents that have none."""
+WITHOUT = "none"  # name of the twin of agents that have none
 RUNS = (1, 3, 5, 10, 20)
 _WRONG = ("settling_time", "error")
 _NEAR = 1.1

@@ -14,8 +14,7 @@ from prefcal_scenarios.runs import screened
 from prefcal_scenarios.style import BEST, FAINT, FIRST, OTHERS, canvas, png, style
 
 GAIN = KnobSpace([Knob("gain", 0.0, 10.0)])
-MOMENTS = (4, 7, 10)
-"""Numbers of experiments after which GLISp is drawn."""
+MOMENTS = (4, 7, 10)  # numbers of experiments after which GLISp is drawn
 
 
 def wish(gain: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:

@@ -78,8 +78,7 @@ EXAMPLES: Mapping[str, tuple[str, str, str, str]] = {
     ),
 }
 """Of each example: its page and section, the file that it saves, the figure, numbers to keep."""
-SAVED = tuple(figure for _, _, figure, _ in EXAMPLES.values())
-"""Figures that the code of examples saves."""
+SAVED = tuple(figure for _, _, figure, _ in EXAMPLES.values())  # figures that the code of examples saves
 MODELS: Mapping[str, tuple[str, str, str, tuple[tuple[float, float], tuple[float, float]]]] = {
     "python-control": (
         "gallery/linear-systems.md",
@@ -110,10 +109,8 @@ MODELS: Mapping[str, tuple[str, str, str, tuple[tuple[float, float], tuple[float
     ),
 }
 """Page of each model, its figure and scenario, and the two θ to draw, in physical units."""
-DRAWN = tuple(figure for _, figure, _, _ in MODELS.values())
-"""Figures of two experiments of a model."""
-Gallery = tuple[dict[str, bytes], Mapping[str, float]]
-"""Pictures by file, and the numbers to keep."""
+DRAWN = tuple(figure for _, figure, _, _ in MODELS.values())  # figures of two experiments of a model
+Gallery = tuple[dict[str, bytes], Mapping[str, float]]  # pictures by file, and the numbers to keep
 _BLOCK = re.compile(r"(<!-- not executed:[^>]*-->\s*)?^```(python|console)\n(.*?)^```", re.M | re.S)
 _FIRST = re.compile(r"^<!-- run first: ([\w.]+) -->", re.M)
 _COMMAND = "from prefcal_app.cli import main; main()"

@@ -26,12 +26,9 @@ from prefcal_scenarios import Scenario, load
 
 TASTES = ("weights", "priorities")
 PEOPLE = 10
-WORTH = (40.0, 110.0)
-"""Accepted worth of random search after 50 experiments: 90 if any two runs differ."""
-DECIDED = (0.05, 0.6)
-"""Accepted share of random pairs that the first priority decides."""
-FAILED = {"loop": (0.0, 0.85), "rough": (0.03, 0.45)}
-"""Accepted share of random θ that fail, by family."""
+WORTH = (40.0, 110.0)  # accepted worth of random search after 50 experiments: 90 if any two runs differ
+DECIDED = (0.05, 0.6)  # accepted share of random pairs that the first priority decides
+FAILED = {"loop": (0.0, 0.85), "rough": (0.03, 0.45)}  # accepted share of random θ that fail, by family
 
 
 def examine(name: str) -> tuple[bool, str, list[str]]:

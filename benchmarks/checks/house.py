@@ -18,11 +18,9 @@ ROOT = Path(__file__).parents[2]
 BENCHMARKS = ROOT / "benchmarks"
 SOURCE = {".py", ".js", ".css", ".html", ".j2"}
 """Endings of the files that count as source: Python, the page and the report."""
-FORMULAS = ("Source: ", "eq. ")
-"""What a file with formulas says: where one comes from."""
+FORMULAS = ("Source: ", "eq. ")  # what a file with formulas says: where one comes from
 PRAGMAS = ("# type:", "# noqa", "# pragma", "#!")
-FOLDER, MEMBERS = 12, 20
-"""Modules of a folder and public members of a class that a person can take in."""
+FOLDER, MEMBERS = 12, 20  # modules of a folder and public members of a class that a person can take in
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 

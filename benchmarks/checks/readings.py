@@ -23,8 +23,7 @@ from prefcal_scenarios.cases.overtake.controller import Supervisor
 from prefcal_scenarios.cases.overtake.kpis import compute_kpis as car_kpis
 
 AUTOMATED, PREFERRED = (0.25, 26.0, -0.91), (0.31, 26.0, -1.79)
-CAR = (0.085, 0.31, 16.0, 0.261, 0.918)
-"""θ found in the paper."""
+CAR = (0.085, 0.31, 16.0, 0.261, 0.918)  # θ found in the paper
 Change = Callable[[MPCSettings], MPCSettings]
 
 

@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
-PICTURED = 5
-"""Number of answers before the picture of the query window."""
+PICTURED = 5  # number of answers before the picture of the query window
 _ASKS_ELSE_OR_ENDS = """before => document.body.dataset.phase === 'over'
     || document.body.dataset.phase === 'question' && document.body.dataset.question !== before"""
 # What is said of the result arrives piece by piece: it is all there when nothing changes for a while.

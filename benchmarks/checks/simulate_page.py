@@ -14,8 +14,7 @@ import numpy as np
 from prefcal_agents import GLISp, RandomSearch, minimize_by_preference
 
 PAGE = Path(__file__).parents[2] / "docs" / "simulate.md"
-FRESH = 1000
-"""Number of random θ that each result is compared with."""
+FRESH = 1000  # number of random θ that each result is compared with
 
 
 def example() -> dict[str, Any]:

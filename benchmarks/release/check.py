@@ -127,8 +127,7 @@ FIRST = ("calibrate cstr --calibrator synthetic --n-max 4 --simulate 30 --out fi
 """What is run in environments that exist."""
 
 
-GROUPS = {"bench", "studies"}
-"""Words that come before a command, some of them commands of their own."""
+GROUPS = {"bench", "studies"}  # words that come before a command, some of them commands of their own
 
 
 class WrongError(Exception):

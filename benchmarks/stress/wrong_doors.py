@@ -33,22 +33,16 @@ class Said(NamedTuple):
 
 @dataclass(frozen=True)
 class Wrong:
-    """An input that is wrong by how it is made.
+    """An input that is wrong by how it is made."""
 
-    Args:
-        call: What takes it, in a folder of its own; it raises what nothing handled.
-        about: The input, to print.
-        named: Words of which one must be in what is said, in any case; any words do if there are none.
-        files: Files that are there before.
-        codes: Exit codes of which one is expected; 0 is for what is harmless by a promise.
-        told: Whether what is wrong is told on standard output among what is right, as `check` does.
-    """
-
-    call: Callable[[Path], Said]
-    about: str
+    call: Callable[[Path], Said]  # what takes it, in a folder of its own; it raises what nothing handled
+    about: str  # the input, to print
+    # Words of which one must be in what is said, in any case; any words do if there are none
     named: Sequence[str] = ()
-    files: Mapping[str, bytes] = field(default_factory=dict)
+    files: Mapping[str, bytes] = field(default_factory=dict)  # files that are there before
+    # Exit codes of which one is expected; 0 is for what is harmless by a promise
     codes: Sequence[int] = (1, 2)
+    # Whether what is wrong is told on standard output among what is right, as `check` does
     told: bool = False
 
 

@@ -15,8 +15,7 @@ from prefcal_env.wording import whole
 
 from .roster import entry
 
-FORMAT = 2
-"""Format of keys and results; raised when older results must not be reused."""
+FORMAT = 2  # format of keys and results; raised when older results must not be reused
 T = TypeVar("T")
 Theta = tuple[float, ...]
 

@@ -13,8 +13,7 @@ from prefcal_env.errors import SettingsError
 from .cell import FORMAT, Result, Theta, canonical
 from .run import alone
 
-PAPER = "the paper's optimum"
-"""Name of the rival that is not an agent."""
+PAPER = "the paper's optimum"  # name of the rival that is not an agent
 
 
 @dataclass(frozen=True, slots=True, order=True)

@@ -20,8 +20,7 @@ from .cell import FORMAT, Cell, Result, canonical, read_as
 from .duels import Duel, Round
 
 T = TypeVar("T")
-Trouble = str
-"""Description of a problem with a file; empty if there is none."""
+Trouble = str  # description of a problem with a file; empty if there is none
 
 
 @final

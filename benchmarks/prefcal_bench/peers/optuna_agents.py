@@ -169,8 +169,7 @@ class _OptunaByValue(_OptunaAgent):
 
     by_value = True
 
-    _sampler: ClassVar[str]
-    """Name of the sampler's class in `optuna.samplers`."""
+    _sampler: ClassVar[str]  # name of the sampler's class in `optuna.samplers`
 
     _modules = ("optuna", "torch")
 

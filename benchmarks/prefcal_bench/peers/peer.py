@@ -21,8 +21,7 @@ class Peer(Agent):
     If the package proposes none, the sample is random.
     """
 
-    _modules: ClassVar[tuple[str, ...]]
-    """Modules of the extra `peers` without which the agent cannot be made."""
+    _modules: ClassVar[tuple[str, ...]]  # modules of the extra `peers` without which the agent cannot be made
 
     def _prepare(self) -> None:
         for module in self._modules:

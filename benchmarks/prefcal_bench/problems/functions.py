@@ -157,5 +157,4 @@ def _make() -> Mapping[str, TestFunction]:
     return MappingProxyType({function.name: function for function in functions})
 
 
-FUNCTIONS = _make()
-"""Test functions by name."""
+FUNCTIONS = _make()  # test functions by name

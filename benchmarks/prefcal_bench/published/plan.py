@@ -15,8 +15,7 @@ from prefcal_env.wording import did_you_mean
 
 from .raw import VERSIONS, read, read_curves, version_of
 
-PUBLISHED = Path(__file__).with_name("worth.parquet")
-"""File of the studies that are published with prefcal."""
+PUBLISHED = Path(__file__).with_name("worth.parquet")  # file of the studies that are published with prefcal
 _SORTED = ["taste", "loop", "agent", "seed", "n_init", "n_max", "experiment"]
 
 

@@ -23,11 +23,9 @@ THETA = MappingProxyType(
 )
 """Calibrated θ of each study, in the order of the scenario's knobs."""
 
-T_COMP = 0.0808
-"""Largest computation time of an MPC step at the car's calibrated θ [s]."""
+T_COMP = 0.0808  # largest computation time of an MPC step at the car's calibrated θ [s]
 
-Row = tuple[str, str, str]
-"""Name, printed value, and our value."""
+Row = tuple[str, str, str]  # name, printed value, and our value
 
 
 def parameters() -> list[Row]:
@@ -101,5 +99,4 @@ def _deviation(line: str) -> Deviation:
     return Deviation(*cells)
 
 
-DEVIATIONS = tuple(map(_deviation, TABLE.splitlines()[2:]))
-"""All deviations, a row each."""
+DEVIATIONS = tuple(map(_deviation, TABLE.splitlines()[2:]))  # all deviations, a row each

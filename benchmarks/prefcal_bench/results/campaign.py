@@ -18,8 +18,7 @@ STUDY = ("taste", "n_init", "n_max", "loop", "agent", "seed")
 """Columns that identify a study in a published frame."""
 COLUMNS = (*STUDY, "experiment", "answers", "worth")
 """Columns of a published frame, which has a row for each experiment: see `campaign_of`."""
-HUGE = 1e300
-"""Value that replaces an infinite gap, so that quantiles remain numbers."""
+HUGE = 1e300  # value that replaces an infinite gap, so that quantiles remain numbers
 _PLACE = ["setting", "problem", "agent", "seed"]
 _COLUMNS = (*_PLACE, "failure", "knobs", "gap", "visited", "worth", "asked", "seconds", "published")
 

@@ -12,8 +12,7 @@ from .campaign import Campaign, Setting, problems_of
 from .statistics import FLOOR
 from .words import named, problem_name, seeds_text, short
 
-HOLE_SLACK = 1e-3
-"""Depth below 0 beyond which a gap lies in a hole, above the error of best known values."""
+HOLE_SLACK = 1e-3  # depth below 0 beyond which a gap lies in a hole, above the error of best known values
 
 
 def missing(campaign: Campaign) -> list[str]:

@@ -28,10 +28,8 @@ from .statistics import (
 )
 
 BASELINE = "GLISp"
-FIRST_PART = 0.4
-"""Part of the budget after which worth is told for the first time: 20 of 50 experiments."""
-SEED = 0
-"""Seed of the bootstrap's resamples, the same for each row: rows are independent of each other."""
+FIRST_PART = 0.4  # part of the budget after which worth is told for the first time: 20 of 50 experiments
+SEED = 0  # seed of the bootstrap's resamples, the same for each row: rows are independent of each other
 _QUARTILES = ("gap_lower_quartile", "gap_median", "gap_upper_quartile")
 _DIFFERENCE = tuple(field.name for field in fields(Difference))
 _PAIR = ["problem", "calibrator", "agent", "rival"]

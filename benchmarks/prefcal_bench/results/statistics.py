@@ -9,15 +9,13 @@ from scipy.stats import bootstrap, trim_mean, wilcoxon
 
 from prefcal_env.errors import SettingsError
 
-FLOOR = 1e-9
-"""Value that replaces smaller gaps, about the accuracy of the test functions' optima."""
+FLOOR = 1e-9  # value that replaces smaller gaps, about the accuracy of the test functions' optima
 CONFIDENCE = 0.95
 _PAIRED, _RESAMPLES = 9999, 2000
 """Number of bootstrap resamples of paired gaps, and of worth, whose interval then varies by 2 %."""
 Loops = Sequence[Float[np.ndarray, " _"]]
 """Worth of the studies of an agent, with an array over the seeds for each loop."""
-Pair = tuple[str, int]
-"""Loop and seed, which studies of two agents share."""
+Pair = tuple[str, int]  # loop and seed, which studies of two agents share
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,10 +16,8 @@ from prefcal_bench.global_random import seeded
 from prefcal_bench.replay import Replay
 from prefcal_env.preferences.history import History
 
-PPO_STEPS = 5
-"""Number of experiments with a score between two updates of PPO."""
-SAC_STEPS = 20
-"""Number of gradient steps of SAC after each experiment."""
+PPO_STEPS = 5  # number of experiments with a score between two updates of PPO
+SAC_STEPS = 20  # number of gradient steps of SAC after each experiment
 _OBSERVATION = np.ones((1, 1), np.float32)  # always the same: each experiment starts from scratch
 
 Array = np.ndarray[Any, Any]
