@@ -11,7 +11,7 @@ from prefcal_env.errors import PlantError
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.plants.jacobians import D, Jacobians, States, Times, U, X, Y
 from prefcal_env.plants.plant import Disturbed, Plant
-from prefcal_env.plants.systems import DEAD_TIMES, LinearPlant, Sample, scale_times
+from prefcal_env.plants.systems import DEAD_TIMES, Ensemble, LinearPlant, scale_times
 from prefcal_env.sources.varied import CHANGE, LEAST, NARROWER, NOT_NEGATIVE, SIZE, Factor, Values
 
 from .plant_env import dead_times, tracked_of
@@ -120,13 +120,13 @@ def factors_of(plant: Plant, measuring: float | Sequence[float] = 0.0) -> Iterat
             yield Factor(_range(c), "actuator", 1.0, 1 - NARROWER, 1.0, possible=(LEAST, 1.0))
 
 
-def sample_of(plant: Plant) -> Sample | None:
+def sample_of(plant: Plant) -> Ensemble | None:
     """Return the plants of which an identified plant is one; None if it was not identified."""
     own = plant.plant if isinstance(plant, Disturbed) else plant
     return getattr(own, "sample", None)
 
 
-def _identified(sample: Sample) -> str:
+def _identified(sample: Ensemble) -> str:
     return f"plant identified from {sample.record}"
 
 

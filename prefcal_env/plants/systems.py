@@ -419,7 +419,7 @@ def scale_times(times: Any, factor: float, step: float = 0.0) -> Any:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sample:
+class Ensemble:
     """Plants that explain a record about as well, of which one is that of a study."""
 
     systems: tuple[tuple[LinearSystem, float], ...]  # each with its dead time, all with as many states
@@ -468,7 +468,7 @@ class LinearPlant:
         PlantError: If `system` is no such system or is improper, or an argument does not fit.
     """
 
-    sample: Sample | None = None
+    sample: Ensemble | None = None
     """What else the plant may be, if it was identified."""
 
     def __init__(
@@ -583,7 +583,7 @@ class LinearPlant:
         made.__dict__.pop("_rates", None)
         return made
 
-    def among(self, sample: Sample) -> "LinearPlant":
+    def among(self, sample: Ensemble) -> "LinearPlant":
         """Return the same plant as one of a sample."""
         made = copy(self)
         made.sample = sample

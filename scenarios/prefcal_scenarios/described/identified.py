@@ -17,7 +17,7 @@ from prefcal_env.experiments.experiment import Channel, End
 from prefcal_env.plain import UNREADABLE, from_plain, to_plain
 from prefcal_env.plants.explained import Model
 from prefcal_env.plants.identify import Identified, identify, interval
-from prefcal_env.plants.systems import LinearPlant, LinearSystem, Sample, system_of
+from prefcal_env.plants.systems import Ensemble, LinearPlant, LinearSystem, system_of
 from prefcal_env.tables.frame import TableColumns
 from prefcal_scenarios.names import KEPT_PLANT, TABLES
 from prefcal_scenarios.wording import number
@@ -199,7 +199,7 @@ class Found:
             name=f"{names} ({about})",
             time_unit=self.time_unit,
         )
-        return plant.among(Sample(systems, self.best, self.record, self.told, self.noise))
+        return plant.among(Ensemble(systems, self.best, self.record, self.told, self.noise))
 
     @property
     def _reference(self) -> float | None:
