@@ -39,16 +39,10 @@ _KEPT = 8  # number of pairs whose views are kept: each can take megabytes
 
 
 class LookWindow(Site):
-    """The page of some runs, served inside `with LookWindow(runs) as window:`.
+    """The page of at least two runs, a `Site` of its own, served inside `with LookWindow(runs) as window:`.
 
     Args:
-        runs: At least two runs.
         align: Whether both runs of a pair start at 0; see `aligned`.
-        host: Name or address to listen on; keep the loopback address unless others need access.
-        port: Port to listen on; 0 takes a free one.
-
-    Raises:
-        SettingsError: If the port is taken or invalid, or the host is not this machine.
     """
 
     def __init__(

@@ -269,18 +269,13 @@ class Presence:
 
 
 class Window(Site):
-    """The query window, served inside `with Window(interview) as window:`.
+    """The query window, a `Site` of its own, served inside `with Window(interview) as window:`.
 
     Args:
-        host: Name or address to listen on; keep the loopback address unless others need access.
-        port: Port to listen on; 0 takes a free one.
         again: Command that resumes the study, shown on the page.
         command: Command that repeats the study, shown on the page.
         remarks: What is no longer as it was when the study was begun, shown on the page.
         framed: Whether pages of this machine, such as a notebook, may show the window in a frame.
-
-    Raises:
-        SettingsError: If the port is taken or invalid, or the host is not this machine.
     """
 
     def __init__(
