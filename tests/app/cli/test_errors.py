@@ -112,9 +112,17 @@ def test_a_wrong_call_is_one_line_that_helps_and_leaves_nothing(prefcal, tmp_pat
     assert {path.name for path in tmp_path.iterdir()} == {"mine.py", "config.json"}
 
 
-@pytest.mark.parametrize("line", ["look LONG.csv LONG.csv", "calibrate LONG.toml",
-    "calibrate TOY --calibrator synthetic --agent random --n-max 3 --out LONG", "new pid LONG.toml",
-    "verify LONG/best.json", "calibrate TOY --study ./LONG"])  # fmt: skip
+@pytest.mark.parametrize(
+    "line",
+    [
+        "look LONG.csv LONG.csv",
+        "calibrate LONG.toml",
+        "calibrate TOY --calibrator synthetic --agent random --n-max 3 --out LONG",
+        "new pid LONG.toml",
+        "verify LONG/best.json",
+        "calibrate TOY --study ./LONG",
+    ],
+)
 def test_a_name_that_no_file_can_have_is_one_line(prefcal, line):
     code, _, err = prefcal(*shlex.split(line.replace("TOY ", f"{TOY} ").replace("LONG", 300 * "a")))
     assert code in (1, 2)
