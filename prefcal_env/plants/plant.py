@@ -169,6 +169,9 @@ def matrices_of(jacobians: Callable[..., None], p: tuple[float, ...], x: X, u: U
     return Jacobians(*(part.reshape(n, -1) for part in (A, B, C, D)))
 
 
+Method = Callable[[Any, Any, Any], Any]
+
+
 class Callbacks:
     """The Python methods of a plant, as C functions that compiled kernels can call.
 
@@ -180,24 +183,43 @@ class Callbacks:
         self._sizes = n_x, n_u, n_d
         self._kept = threading.local()
         self._functions: list[Any] = []
-        self._views = _Views()
 
-    def address(self, method: Callable[[Any, Any, Any], Any], size: int) -> int:
-        """Return the address of a C function that writes the `size` numbers of `method`."""
-        n_x, n_u, n_d = self._sizes
-        views = self._views  # called ten thousand times an experiment
+    def address(self, method: Method, size: int, plain: Method | None = None) -> int:
+        """Return the address of a C function that writes the `size` numbers of `method`.
+
+        If `plain` returns as many in a list, tuple or array, they are taken as they are, without `method`.
+        """
+        of_x, of_u, of_d, targets = (_Views(n) for n in (*self._sizes, size))
+        floats = ctypes.c_double * size
+
+        def checked(x: Any, u: Any, d: Any, out: int) -> None:
+            targets[out][:] = method(x.copy(), u.copy(), d.copy())
+
+        def quick(x: Any, u: Any, d: Any, out: int) -> None:
+            # Called a hundred thousand times an experiment: arrays of two numbers take longer than most f.
+            try:
+                values = plain(x.copy(), u.copy(), d.copy())  # type: ignore[misc]
+                if type(values) is list or type(values) is tuple:
+                    floats.from_address(out)[:] = values
+                    return
+                if values.shape == (size,) and values.dtype == float:
+                    targets[out][:] = values
+                    return
+            except Exception:  # `method` tells what is wrong, if anything is
+                pass
+            checked(x, u, d, out)
+
+        write = checked if plain is None else quick
 
         def called(x: int, u: int, d: int, _: int, out: int) -> None:
-            target = views[out, size]
             try:
-                x_, u_, d_ = views[x, n_x].copy(), views[u, n_u].copy(), views[d, n_d].copy()
-                target[:] = method(x_, u_, d_)
+                write(of_x[x], of_u[u], of_d[d], out)
             except BaseException as error:  # C cannot raise; `check` does
                 # The first error is the cause of what follows; a mistake comes before an error of the domain.
                 kept = getattr(self._kept, "error", None)
                 if kept is None or (_is_mistake(error) and not _is_mistake(kept)):
                     self._kept.error = error
-                target[:] = np.nan
+                targets[out][:] = np.nan
 
         function = _TYPE(called)
         self._functions.append(function)  # it lives as long as these callbacks
@@ -220,17 +242,19 @@ class Callbacks:
             raise error
 
 
-class _Views(dict[tuple[int | None, int], Float[np.ndarray, " _"]]):
-    """Arrays by address and length. Kept, since making such an array takes a microsecond."""
+class _Views(dict[int | None, Float[np.ndarray, " _"]]):
+    """Arrays of `n` numbers by address. Kept, since making such an array takes a microsecond."""
 
-    def __missing__(self, key: tuple[int | None, int]) -> Float[np.ndarray, " _"]:
+    def __init__(self, n: int) -> None:
+        self._n = n
+
+    def __missing__(self, address: int | None) -> Float[np.ndarray, " _"]:
         """Return an array of the numbers at an address."""
         # Solvers keep allocating new arrays: without this the cache would grow without end.
         if len(self) >= 1000:
             self.clear()
-        address, n = key
-        data: Any = (ctypes.c_double * n).from_address(address or 0) if n else b""
-        view = self[key] = np.frombuffer(data, dtype=float)
+        data: Any = (ctypes.c_double * self._n).from_address(address or 0) if self._n else b""
+        view = self[address] = np.frombuffer(data, dtype=float)
         return view
 
 
@@ -255,7 +279,7 @@ def equations_of(plant: Plant) -> Equations:
         return np.concatenate([J.A.ravel(), J.B.ravel(), J.C.ravel(), J.D.ravel()])
 
     return Equations(
-        callbacks.address(plant.f, n_x),
+        callbacks.address(plant.f, n_x, getattr(plant, "plain_f", None)),
         callbacks.address(plant.g, n_y),
         callbacks.address(matrices, (n_x + n_y) * (n_x + n_u)),
         callbacks=callbacks,
