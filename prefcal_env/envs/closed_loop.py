@@ -146,6 +146,8 @@ ControllerFactory = Callable[[Float[np.ndarray, " n"]], Controller]
 class ClosedLoop:
     """A `Run` that lets the controller of θ drive a plant environment until the episode ends.
 
+    A linear plant that PIDs control runs compiled (see `linear_run`): then `env` runs no episode.
+
     Args:
         env: Plant environment, its id, or a function that makes it.
         controller: Function that makes a new controller from a physical θ, shape (n,).

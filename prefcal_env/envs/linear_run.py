@@ -34,15 +34,18 @@ def linear_run(env: Any, controller: Any, seed: int) -> tuple[Record, Bool[np.nd
     # A subclass may do anything in another way.
     if type(env) is not PlantEnv or "packed" not in vars(type(pids)) or not _is_known(env, pids.T_s):
         return None
-    plant, task, T_s = env.plant, env.task, env.sampling_time(pids.T_s)
+    plant, task, T_s, packed = env.plant, env.task, env.sampling_time(pids.T_s), pids.packed
     n_y = len(plant.outputs)
+    # Compiled code does not notice a channel that does not exist.
+    if np.any(packed[1] >= (n_y, len(plant.inputs))):
+        return None
     ends, noise = _drawn(task, T_s, seed, n_y)
     refs, d = _over(task.y_ref, ends[:-1]), _over(task.d, ends[:-1])
     generator, outputs, shifts = _matrices(plant, d)
     room, found = _room(task, ends, shifts, n_y)
     dead, late = map(np.array, delays_of(plant))
     seen = late + np.broadcast_to(np.asarray(task.measurement_delay, dtype=float), n_y)
-    dt, packed = float(getattr(plant, "sample_time", 0.0)), pids.packed
+    dt = float(getattr(plant, "sample_time", 0.0))
 
     from ._linear_run import PARTS, run  # loads the compiler
 

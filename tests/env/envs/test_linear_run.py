@@ -182,3 +182,10 @@ def test_what_is_not_compiled_runs_as_before(what):
     env, make = UNKNOWN[what]
     assert linear_run(env, make(THETA), 0) is None
     assert ClosedLoop(env, make)(THETA).end in (End.TIME_UP, End.SETTLED)
+
+
+def test_a_pid_of_a_channel_that_does_not_exist_is_not_compiled():
+    for pid in (PID(1.0, T_s=0.1, output=1), PID(1.0, T_s=0.1, input=1)):
+        assert linear_run(lag_env(), pid, 0) is None
+        with pytest.raises(IndexError):
+            ClosedLoop(lag_env(), lambda _: pid)(THETA)  # noqa: B023
