@@ -332,16 +332,16 @@ class Stages(Generic[Known]):
         return history.past.key in self._known
 
     def worth_keeping(self, history: History) -> Iterator[tuple[bytes, Known]]:
-        """Yield what is in memory and what the next stages, and those after an undo, follow from soon.
+        """Yield what is at hand and what the next stages, and those after an undo, follow from soon.
 
         Each comes with the key of its record, see `recalled`.
         """
         count = history.answered
         recent = (history.until(k) for k in range(count, max(count - _SELDOM, 0), -1))
-        latest = next((past for past in recent if past.key in self._known), None)
+        latest = next((past for past in recent if self._at_hand(past) is not None), None)
         # Long steps begin at every tenth answer, and so does what follows after an undo.
         for past in (latest, history.until((count - 1) // _SELDOM * _SELDOM)):
-            known = None if past is None or not past.answered else self._known.get(past.key)
+            known = None if past is None or not past.answered else self._at_hand(past)
             if past is not None and known is not None:
                 yield past.key, known
 

@@ -428,19 +428,26 @@ class Growth:
         self._design = latin_hypercube(space, wide, seed) if given is None else space.encode_all(given)
         self.stage = Stages(self._first, self._follow)
         """What is known after a record, simulating what was not simulated yet."""
+        self._kept: Mapping[bytes, KeptStage] = {}
         self.explains = Remembered(explains)  # the certificate and the next proposal ask the same
         self.pool = Remembered(self._pool, 1)  # the latest one: it is large
         """Draws of the study after a record, which say what other answers would teach."""
 
     def worth_keeping(self, history: History) -> dict[bytes, KeptStage]:
-        """Return the stages in memory that later ones, and the draws of all records, follow from."""
+        """Return the stages at hand that later ones, and the draws of all records, follow from."""
         last = history.answered
         recent = (history.until(count) for count in range(max(last - _RECALLED, 1), last + 1))
-        stages = {past.key: self.stage(past) for past in recent if past in self.stage}
-        return {key: KeptStage.of(stage) for key, stage in stages.items() if stage.scale.names}
+        found = dict[bytes, KeptStage]()
+        for past in recent:
+            if past in self.stage:
+                found[past.key] = KeptStage.of(self.stage(past))
+            elif past.key in self._kept:  # nobody asked for it yet, but the next session may
+                found[past.key] = self._kept[past.key]
+        return {key: kept for key, kept in found.items() if kept.names}
 
     def recall(self, kept: Mapping[bytes, KeptStage]) -> None:
         """Use what an earlier session learned, where record and simulated KPIs are still the same."""
+        self._kept = kept
         self.stage.recalled = lambda past: self._restore(past, kept[past.key]) if past.key in kept else None
 
     def _restore(self, past: History, kept: KeptStage) -> Stage | None:

@@ -96,6 +96,16 @@ def test_what_was_learned_of_other_kpis_or_of_another_record_is_not_recalled(kep
     assert anew[0] == 15
 
 
+def test_stages_that_a_session_never_needed_are_kept_for_the_next_one_if_they_are_of_its_record(kept):
+    record, _, content = kept
+    before = msgspec.msgpack.decode(content, type=dict[bytes, KeptStage])
+    assert recalling(content).worth_keeping(record) == before
+    undone = chain(growth(100), [1, -1] * 6 + [1, 1])  # the last answer is another one
+    shared = {record.until(count).key for count in range(5, 15)}
+    assert recalling(content).worth_keeping(undone).keys() == shared
+    assert record.key in before
+
+
 def test_a_stated_limit_is_measured_from_the_best_value_that_is_known_now():
     def far(theta):  # the more negative, the better: at least 0.5 is wanted
         return {"a": -theta[0], "b": theta[1]}

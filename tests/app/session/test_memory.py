@@ -227,6 +227,15 @@ def test_what_is_learned_is_kept_while_a_question_is_open(tmp_path):
     assert min(next_ones(path)[1]) > KEPT
 
 
+def test_what_was_kept_outlasts_a_session_without_an_answer(study, undisturbed):
+    interview = reopened(toy_scenario(), study)
+    interview.close()
+    interview.file.close()
+    found, anew = next_ones(study)
+    assert found == undisturbed
+    assert min(anew) > ANSWERS
+
+
 def test_what_is_missing_is_kept_at_the_next_question(study):
     study.with_suffix(".learned").unlink()
     interview = reopened(toy_scenario(), study)
