@@ -164,7 +164,9 @@ def used(pid: int | str) -> float:
 def reopened(scenario: str, study: Path, answers: int) -> tuple[tuple[float, float], list[float]]:
     """Return seconds and processor seconds to the first question, and the latter to each further one."""
     words = calibrate(scenario, "--study", str(study), "--out", f"{study}-report", "--no-browser")
-    quiet = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL, "text": True}
+    environment = {**os.environ}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)  # an installed prefcal has its bytecode
+    quiet = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL, "text": True, "env": environment}
     began, asked, found = time.perf_counter(), None, [0.0]
     process = subprocess.Popen([sys.executable, *words], cwd=study.parent, **quiet)
     visitor, firsts = Visitor(process.stdout.readline().strip()), (0.0, 0.0)
