@@ -190,7 +190,7 @@ class Callbacks:
         If `plain` returns as many in a list, tuple or array, they are taken as they are, without `method`.
         """
         of_x, of_u, of_d, targets = (_Views(n) for n in (*self._sizes, size))
-        floats = ctypes.c_double * size
+        floats: Any = ctypes.c_double * size
 
         def checked(x: Any, u: Any, d: Any, out: int) -> None:
             targets[out][:] = method(x.copy(), u.copy(), d.copy())
