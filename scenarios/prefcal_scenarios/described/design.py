@@ -6,9 +6,9 @@ from itertools import permutations, product
 from math import floor, log10
 
 import numpy as np
+import scipy  # its parts load when they are used: not all plants need optimize
 from jaxtyping import Complex, Float
 from scipy.linalg import eigvals
-from scipy.optimize import least_squares, root
 
 from prefcal_env.controllers.margins import minimal
 from prefcal_env.controllers.pid import ProcessModel, Tuning
@@ -142,7 +142,7 @@ class Held:
         """Return a solution of f(x, u, d) = 0 for x near the given one, or None."""
         try:
             with np.errstate(all="ignore"):
-                return self.rest(np.asarray(root(self._motion, x, jac=True).x, dtype=float))
+                return self.rest(np.asarray(scipy.optimize.root(self._motion, x, jac=True).x, dtype=float))
         except (ArithmeticError, ValueError):
             return None
 
@@ -178,7 +178,7 @@ def _joint(held: Held, x: X) -> OperatingPoint | None:
     start = np.clip(np.concatenate([x, held.u]), low, high)
     try:
         with np.errstate(all="ignore"):
-            found = least_squares(
+            found = scipy.optimize.least_squares(
                 lambda v: motion(plant, v[:n], v[n:], d)[0],
                 start,
                 bounds=(low, high),

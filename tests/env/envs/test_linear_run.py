@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from prefcal_env import Channel, End, FunctionPlant, Plant, rollout
+from prefcal_env.compiling import of_linear_runs
 from prefcal_env.controllers.pid import PID, Decentralized
 from prefcal_env.envs.closed_loop import ClosedLoop
 from prefcal_env.envs.linear_run import linear_run
@@ -189,3 +190,13 @@ def test_a_pid_of_a_channel_that_does_not_exist_is_not_compiled():
         assert linear_run(lag_env(), pid, 0) is None
         with pytest.raises(IndexError):
             ClosedLoop(lag_env(), lambda _: pid)(THETA)  # noqa: B023
+
+
+def test_what_is_compiled_ahead_serves_every_run():
+    for seed in range(10):
+        random = np.random.default_rng([seed, 7])
+        plant, task = random_task(random, random_plant(random))
+        linear_run(PlantEnv(plant, task), random_controller(random, plant)(THETA), seed)
+    (kernel,) = of_linear_runs()
+    kernel.function.compile(kernel.types)
+    assert len(kernel.function.signatures) == 1
