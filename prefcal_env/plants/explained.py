@@ -259,6 +259,7 @@ _DROPPED = 40.0  # as `_HOPELESS`, before a family's best shape is found to the 
 _HOPELESS = 8.0  # logarithm of the probability, relative to the best family, below which one is left out
 _ROUNDS, _DRAWN = (3, 10), 250  # fewest and most rounds of weighing, and shapes in each
 _ENOUGH = 80.0  # effective number of shapes with which weighing ends
+_APART = 4.0  # logarithm by which the mean of the shapes may be behind the most probable one
 _TAIL = 5.0  # degrees of freedom of the proposals: their tails must be wider than what they explore
 
 
@@ -327,7 +328,7 @@ class Weighed:
     """Shapes of a family and their weights, which sum to 1."""
 
     family: Family
-    mode: Shape  # the most probable shape
+    typical: Shape  # their mean; the most probable one where the mean explains the record clearly worse
     shapes: Float[np.ndarray, "N m"]
     weights: Float[np.ndarray, " N"]
     evidence: float  # logarithm of the density of the record given the family
@@ -360,7 +361,10 @@ def _weighed(record: Scaled, family: Family, modes: Sequence[Shape], rng: np.ran
         if k + 1 >= _ROUNDS[0] and 1 / (weights @ weights) > _ENOUGH:
             break
         proposals.append(_around(shapes, weights, rng))
-    return Weighed(family, modes[0], shapes, weights, evidence)
+    # The most probable shape often has no dead time at all: a tuning on it would rely on that.
+    middle = weights @ shapes
+    near = record.density(family, middle) > densities.max() - _APART
+    return Weighed(family, middle if near else modes[0], shapes, weights, evidence)
 
 
 def _around(

@@ -119,7 +119,7 @@ class Found:
     units: tuple[str, str]  # of input and output
     start: tuple[float, float]  # values of input and output at the start, from which models say the changes
     limits: tuple[float, float]  # what the input may reach
-    best: int  # number of the most probable model
+    best: int  # number of the typical model of the most probable family
     models: tuple[Model, ...]  # those that are easiest to control first
     noise: float = 0.0  # standard deviation of what the best model leaves of the output
     notes: tuple[str, ...] = ()  # what to know of the record, in sentences
@@ -185,7 +185,7 @@ class Found:
         return ". ".join([", ".join(said), *(note.rstrip(".") for note in self.notes)])
 
     def plant(self) -> LinearPlant:
-        """Return the plant: the most probable model around the start, and what else it may be."""
+        """Return the plant: the typical model around the start, and what else it may be."""
         order = max(len(model.den) for model in self.models) - 1
         systems = tuple((_padded(model, order), model.delay) for model in self.models)
         u, y = self.start

@@ -65,6 +65,12 @@ def test_models_that_are_harder_to_control_come_later(found):
     )
 
 
+def test_the_best_model_has_the_dead_time_that_the_record_leaves_open_and_not_none():
+    made = identify(TIME, STEPPED, output(delay=0), count=100)
+    low, high = made.interval("dead time")
+    assert low < made.models[made.best].delay < high
+
+
 def test_a_coarse_actuator_leaves_the_gain_open(found):
     coarse = identify(TIME, STEPPED, output(), resolution=1.0, count=100)
     (low, high), (before, after) = coarse.interval("gain"), found.interval("gain")
