@@ -274,7 +274,8 @@ def _improved(
 
     def loss(z: Shape) -> float:
         # Inside the box, since what is outside has no density to go by.
-        return -record.density(family, low + widths * np.clip(z, 0.0, 1.0)) + 1e3 * _beyond(z)
+        inside = np.clip(z, 0.0, 1.0)
+        return -record.density(family, low + widths * inside) + 1e3 * float(np.abs(z - inside).sum())
 
     for start in starts:
         z = (start - low) / widths
@@ -284,10 +285,6 @@ def _improved(
         made = minimize(loss, z, method="Nelder-Mead", options=options)
         found.append((float(made.fun), low + widths * np.clip(made.x, 0.0, 1.0)))
     return [shape for _, shape in sorted(found, key=lambda each: each[0])]
-
-
-def _beyond(z: Shape) -> float:
-    return float(np.abs(z - np.clip(z, 0.0, 1.0)).sum())
 
 
 def _scanned(record: Scaled, family: Family, rng: np.random.Generator) -> list[Shape]:

@@ -141,11 +141,6 @@ class Identified:
     noise: float  # standard deviation of what is left
     notes: tuple[str, ...] = ()  # what to know of the record, in sentences
 
-    def interval(self, name: str) -> tuple[float, float]:
-        """Return the 90 % interval of a number, over all models that have it."""
-        low, high, _ = interval(self.models, name)
-        return low, high
-
     @property
     def reason(self) -> str:
         """Return why the best model has the form that it has, in a sentence."""
