@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import lsim
 
-from prefcal_env.plants.identify import identify
+from prefcal_env.plants.identify import identify, interval
 from prefcal_scenarios.described.identified import step_test
 
 # --- What a historian would export: a step of the valve and half of it back, noise, two digits.
@@ -28,5 +28,5 @@ record = step_test(Path("step.csv"))
 found = identify(record.t, record.u, record.y)
 print(found.reason)
 for name, value in found.models[found.best].numbers.items():
-    low, high = found.interval(name)
+    low, high, _ = interval(found.models, name)
     print(f"{name}: best {value:.3g}, 90 % interval {low:.3g} to {high:.3g}")

@@ -2,8 +2,8 @@
 
     python benchmarks/campaigns/identified_pid.py --records 300 --out results
 
-Each record is one of `identification.py`. A simulated person answers ten questions about runs of the most
-probable model. That tuning and SIMC's on the same model (Skogestad's half rule, settings with τ_c = θ) then
+Each record is one of `identification.py`. A simulated person answers ten questions about runs of the best
+model. That tuning and SIMC's on the same model (Skogestad's half rule, settings with τ_c = θ) then
 run on the true plant, from the same start and with the same step and load. A tuning settles if its run is not
 stopped, and is within 5 % of the step in time both after the step and after the load. People are those who do
 not notice every difference. Records that are in the folder do not run again: the same line resumes.
@@ -94,7 +94,7 @@ def row_of(seed: int, simulated: int) -> Row:
 
 
 def scenarios_of(plant: Truth, found: Identified) -> tuple[Scenario, Scenario]:
-    """Return the PID of the most probable model, and the same task on the true plant."""
+    """Return the PID of the best model, and the same task on the true plant."""
     true = Model("the true plant", tuple(plant.num.tolist()), tuple(plant.den.tolist()), plant.delay)
     first = int(np.argmax(plant.u != plant.u[0]))
     kept = Found(

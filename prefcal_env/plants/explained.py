@@ -259,6 +259,7 @@ _DROPPED = 40.0  # as `_HOPELESS`, before a family's best shape is found to the 
 _HOPELESS = 8.0  # logarithm of the probability, relative to the best family, below which one is left out
 _ROUNDS, _DRAWN = (3, 10), 250  # fewest and most rounds of weighing, and shapes in each
 _ENOUGH = 80.0  # effective number of shapes with which weighing ends
+_APART = 4.0  # logarithm by which the mean of the shapes may be behind the most probable one
 _TAIL = 5.0  # degrees of freedom of the proposals: their tails must be wider than what they explore
 
 
@@ -273,7 +274,8 @@ def _improved(
 
     def loss(z: Shape) -> float:
         # Inside the box, since what is outside has no density to go by.
-        return -record.density(family, low + widths * np.clip(z, 0.0, 1.0)) + 1e3 * _beyond(z)
+        inside = np.clip(z, 0.0, 1.0)
+        return -record.density(family, low + widths * inside) + 1e3 * float(np.abs(z - inside).sum())
 
     for start in starts:
         z = (start - low) / widths
@@ -283,10 +285,6 @@ def _improved(
         made = minimize(loss, z, method="Nelder-Mead", options=options)
         found.append((float(made.fun), low + widths * np.clip(made.x, 0.0, 1.0)))
     return [shape for _, shape in sorted(found, key=lambda each: each[0])]
-
-
-def _beyond(z: Shape) -> float:
-    return float(np.abs(z - np.clip(z, 0.0, 1.0)).sum())
 
 
 def _scanned(record: Scaled, family: Family, rng: np.random.Generator) -> list[Shape]:
@@ -327,7 +325,7 @@ class Weighed:
     """Shapes of a family and their weights, which sum to 1."""
 
     family: Family
-    mode: Shape  # the most probable shape
+    typical: Shape  # their mean; the most probable one where the mean explains the record clearly worse
     shapes: Float[np.ndarray, "N m"]
     weights: Float[np.ndarray, " N"]
     evidence: float  # logarithm of the density of the record given the family
@@ -360,7 +358,10 @@ def _weighed(record: Scaled, family: Family, modes: Sequence[Shape], rng: np.ran
         if k + 1 >= _ROUNDS[0] and 1 / (weights @ weights) > _ENOUGH:
             break
         proposals.append(_around(shapes, weights, rng))
-    return Weighed(family, modes[0], shapes, weights, evidence)
+    # The most probable shape often has no dead time at all: a tuning on it would rely on that.
+    middle = weights @ shapes
+    near = record.density(family, middle) > densities.max() - _APART
+    return Weighed(family, middle if near else modes[0], shapes, weights, evidence)
 
 
 def _around(

@@ -131,7 +131,7 @@ class Identified:
     """What a record tells of its plant."""
 
     models: tuple[Model, ...]  # a sample of models, those that are easiest to control first
-    best: int  # number of the most probable one
+    best: int  # number of the typical one of the most probable family
     families: Mapping[str, float]  # probability of each family, the most probable first
     t: Float[np.ndarray, " K"]  # instants at which the record was used, shape (K,)
     u: Float[np.ndarray, " K"]  # input there
@@ -140,11 +140,6 @@ class Identified:
     drift: float  # drift of the output over the record
     noise: float  # standard deviation of what is left
     notes: tuple[str, ...] = ()  # what to know of the record, in sentences
-
-    def interval(self, name: str) -> tuple[float, float]:
-        """Return the 90 % interval of a number, over all models that have it."""
-        low, high, _ = interval(self.models, name)
-        return low, high
 
     @property
     def reason(self) -> str:
@@ -239,8 +234,8 @@ def _drawn(
 def _best(
     record: Scaled, found: Weighed, units: tuple[float, ...]
 ) -> tuple[Model, Float[np.ndarray, " K"], float]:
-    """Return the most probable model, its output in units of the record, and the drift."""
-    family, shape = found.family, found.mode
+    """Return a family's typical model, its output in units of the record, and the drift."""
+    family, shape = found.family, found.typical
     likely, fit = record.fitted(family, shape)
     drift = float(likely.mean[-1]) if len(likely.mean) > family.terms + 1 else 0.0
     return _model(family, shape, likely.mean[: family.terms], units), fit, drift
@@ -285,13 +280,13 @@ def _check_load(record: Scaled, best: Weighed, t: Float[np.ndarray, " K"]) -> No
     What is left is compared with steps of a load that acts through the plant's lags, or a short one.
     """
     n, moved = len(record.y), np.flatnonzero(np.diff(record.u)) + 1
-    rows, found = record.rows(best.family, best.mode), [(0.0, 0)]
+    rows, found = record.rows(best.family, best.typical), [(0.0, 0)]
     before = _left(record, rows)[0]
     for start in np.linspace(0.02 * n, 0.95 * n, 60).astype(int).tolist():
         if np.any(np.abs(moved - start) < 0.04 * n):
             continue
         load = (np.arange(n) >= start).astype(float)
-        for lags in (best.family.den(best.mode), np.array([0.03, 1.0])):
+        for lags in (best.family.den(best.typical), np.array([0.03, 1.0])):
             acted = unit_responses(lags, 0.0, record.h, load, 1)
             left, size = _left(record, np.vstack([rows, acted]))
             if abs(size) * np.ptp(acted) > _LOAD:

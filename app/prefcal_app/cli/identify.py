@@ -12,7 +12,7 @@ from prefcal_env.errors import SettingsError
 from prefcal_env.plants.identify import Identified, interval
 from prefcal_env.tables import TableColumns
 from prefcal_env.wording import labeled
-from prefcal_scenarios.described.identified import Found, StepTest, ends, identified, step_test, unit_of
+from prefcal_scenarios.described.identified import Found, StepTest, ends, identified, step_test
 from prefcal_scenarios.names import KEPT_PLANT
 from prefcal_scenarios.wording import number, picture_at, put, quantity
 
@@ -70,11 +70,11 @@ def _limits(text: str) -> tuple[float, float] | None:
 def _numbers(found: Found) -> Table:
     """Return the numbers of the best model, and the 90 % interval of each over the models that have it."""
     headings = "number", "best", "5 %", "95 %", "models"
-    table, units = Table(*headings, box=None, header_style="bold"), unit_of(found)
+    table = Table(*headings, box=None, header_style="bold")
     for name, value in found.models[found.best].numbers.items():
         low, high, count = interval(found.models, name)
         texts = number(float(f"{value:.3g}")), *ends(low, high), str(count)
-        table.add_row(plain(labeled(name, units(name))), *texts)
+        table.add_row(plain(labeled(name, found.unit(name))), *texts)
     return table
 
 

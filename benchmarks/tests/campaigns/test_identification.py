@@ -41,6 +41,22 @@ def test_truths_are_in_the_sample_of_their_records_and_near_the_best_model(ident
     assert all(one.error < 0.1 for _, one, _ in found if one is not None)
 
 
+def highest_gain(model):
+    """The gain of a P controller at which a loop begins to swing."""
+    s = 1j * np.geomspace(1e-3, 1e3, 4000)
+    response = np.polyval(model.num, s) / np.polyval(model.den, s) * np.exp(-s * model.delay)
+    lag = -np.unwrap(np.angle(response / np.sign(model.num[-1])))
+    return 1 / np.abs(response[np.searchsorted(np.maximum.accumulate(lag), np.pi)])
+
+
+def test_the_best_model_bears_no_gain_that_the_plant_does_not_where_the_record_hides_its_dead_time(
+    identification,
+):
+    plant = identification.truth(6033)
+    found = identification.identify(plant.t, plant.u, plant.y, resolution=plant.resolution, seed=6033)
+    assert highest_gain(found.models[found.best]) == pytest.approx(highest_gain(plant), rel=0.7)
+
+
 def test_the_judge_says_no_to_another_plant(identification):
     plant = identification.truth(203)
     made = identification.identify(plant.t, plant.u, plant.y, count=60)

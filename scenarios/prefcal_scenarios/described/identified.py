@@ -119,7 +119,7 @@ class Found:
     units: tuple[str, str]  # of input and output
     start: tuple[float, float]  # values of input and output at the start, from which models say the changes
     limits: tuple[float, float]  # what the input may reach
-    best: int  # number of the most probable model
+    best: int  # number of the typical model of the most probable family
     models: tuple[Model, ...]  # those that are easiest to control first
     noise: float = 0.0  # standard deviation of what the best model leaves of the output
     notes: tuple[str, ...] = ()  # what to know of the record, in sentences
@@ -171,21 +171,28 @@ class Found:
         """Write the file. Raises OSError."""
         write_durably(path, f"{json.dumps(to_plain(self), ensure_ascii=False)}\n".encode())
 
+    def unit(self, name: str) -> str:
+        """Return the unit of a number of the models."""
+        u, y = self.units
+        gain = f"{y or '1'}/{u}" if u else y
+        rate = f"{gain or '1'}/{self.time_unit}"
+        return {"damping": "", "gain": gain, "rate": rate}.get(name, self.time_unit)
+
     @property
     def told(self) -> str:
         """Return what the record leaves open, for people."""
-        units, said = unit_of(self), list[str]()
+        said = list[str]()
         for name in self.models[self.best].numbers:
             if name in _NUMBERS:
                 low, high, _ = interval(self.models, name)
-                said.append(f"{name} {' to '.join(ends(low, high))} {units(name)}".rstrip())
+                said.append(f"{name} {' to '.join(ends(low, high))} {self.unit(name)}".rstrip())
         share = float(np.mean([model.integrates for model in self.models]))
         if 0 < share < 1:
             said.append(f"{100 * share:.2g} % of the models integrate")
         return ". ".join([", ".join(said), *(note.rstrip(".") for note in self.notes)])
 
     def plant(self) -> LinearPlant:
-        """Return the plant: the most probable model around the start, and what else it may be."""
+        """Return the plant: the typical model around the start, and what else it may be."""
         order = max(len(model.den) for model in self.models) - 1
         systems = tuple((_padded(model, order), model.delay) for model in self.models)
         u, y = self.start
@@ -217,21 +224,6 @@ def ends(low: float, high: float) -> tuple[str, str]:
         if texts[0] != texts[1]:
             break
     return texts
-
-
-def unit_of(found: Found) -> Any:
-    """Return a function of the name of a number that returns its unit."""
-    u, y = found.units
-    gain = f"{y or '1'}/{u}" if u else y
-
-    def unit(name: str) -> str:
-        if name == "damping":
-            return ""
-        if name == "gain":
-            return gain
-        return f"{gain or '1'}/{found.time_unit}" if name == "rate" else found.time_unit
-
-    return unit
 
 
 def _limits(

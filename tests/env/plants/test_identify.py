@@ -33,7 +33,7 @@ def test_the_true_numbers_are_near_the_best_ones_and_in_their_intervals(found):
     best = found.models[found.best]
     assert best.family == "a lag"
     assert best.numbers == pytest.approx({"gain": GAIN, "time constant 1": LAG, "dead time": DELAY}, rel=0.05)
-    low, high = found.interval("gain")
+    low, high, _ = interval(found.models, "gain")
     assert low < GAIN < high
     assert high - low < 0.1 * GAIN
     assert found.noise == pytest.approx(NOISE, rel=0.15)
@@ -65,9 +65,15 @@ def test_models_that_are_harder_to_control_come_later(found):
     )
 
 
+def test_the_best_model_has_the_dead_time_that_the_record_leaves_open_and_not_none():
+    made = identify(TIME, STEPPED, output(delay=0), count=100)
+    low, high, _ = interval(made.models, "dead time")
+    assert low < made.models[made.best].delay < high
+
+
 def test_a_coarse_actuator_leaves_the_gain_open(found):
     coarse = identify(TIME, STEPPED, output(), resolution=1.0, count=100)
-    (low, high), (before, after) = coarse.interval("gain"), found.interval("gain")
+    (low, high, _), (before, after, _) = (interval(each.models, "gain") for each in (coarse, found))
     assert high - low > 2 * (after - before)
 
 
@@ -127,14 +133,14 @@ def test_a_long_record_has_the_same_dead_time_whichever_rows_are_kept(start):
     made = identify(h * np.arange(n), u, 52 + signal.lfilter(np.ravel(num), den, late) + noise, count=60)
     assert len(made.t) == 1500
     assert made.models[made.best].delay == pytest.approx(DELAY, abs=0.05)
-    low, high = made.interval("dead time")
+    low, high, _ = interval(made.models, "dead time")
     assert low < DELAY < high
 
 
 def test_an_interval_is_over_the_models_that_have_the_number(found):
     swinging = Model("two lags", (1.0,), (9.0, 1.2, 1.0), 0.0)
     low, high, count = interval((*found.models, swinging), "time constant 1")
-    assert (low, high) == found.interval("time constant 1")
+    assert (low, high) == interval(found.models, "time constant 1")[:2]
     assert count == 100
     assert interval((*found.models, swinging), "1/ω") == pytest.approx((3.0, 3.0, 1))
 
