@@ -7,6 +7,7 @@ import numpy as np
 from gymnasium.utils.seeding import np_random
 from jaxtyping import Bool, Float
 
+from prefcal_env.controllers.pid import PID, Decentralized
 from prefcal_env.experiments.experiment import End, Record
 from prefcal_env.plants.plant import Disturbed
 from prefcal_env.plants.systems import LinearPlant
@@ -16,6 +17,7 @@ from .task import Signal, StepSignal, Task, never
 from .varied_loop import Worn
 
 Matrix = Float[np.ndarray, "_ _"]
+_LARGE = 100  # states, above which the matrices that an episode keeps take more memory than they save time
 _LONGEST = 1e6  # sampling times of an episode or a dead time, up to which compiled lengths are exact
 
 
@@ -26,13 +28,14 @@ def linear_run(env: Any, controller: Any, seed: int) -> tuple[Record, Bool[np.nd
 
     Args:
         env: Environment, without wrappers.
-        controller: Controller; it remembers what it would after the episode.
+        controller: Controller; its PIDs remember what they would after the episode.
         seed: Seed of the episode.
     """
     worn = controller if type(controller) is Worn else None
     pids: Any = controller if worn is None else worn.controller
     # A subclass may do anything in another way.
-    if type(env) is not PlantEnv or "packed" not in vars(type(pids)) or not _is_known(env, pids.T_s):
+    known = type(pids) in (PID, Decentralized) and all(type(p) is PID for p in getattr(pids, "pids", ()))
+    if not known or type(env) is not PlantEnv or not _is_known(env, pids.T_s):
         return None
     plant, task, T_s, packed = env.plant, env.task, env.sampling_time(pids.T_s), pids.packed
     n_y = len(plant.outputs)
@@ -72,6 +75,8 @@ def _is_known(env: PlantEnv, T_s: float) -> bool:
     plant, task = env.plant, env.task
     own = plant.plant if type(plant) is Disturbed else plant
     if type(own) is not LinearPlant or own.entry_delay or env.outputs_are_states:
+        return False
+    if len(own.states) > _LARGE:
         return False
     held = all(isinstance(signal, np.ndarray | StepSignal) for signal in (task.y_ref, task.d))
     longest = max(task.horizon, dead_times(plant).max(initial=0.0) + np.max(task.measurement_delay))
@@ -166,7 +171,8 @@ def _record(env: PlantEnv, refs: Matrix, steps: int, found: Any) -> tuple[Record
     x = x[: starts[-1] + 1]
     finite = np.isfinite(x).all(axis=1)
     kept = len(x) if finite.all() else int(np.argmin(finite))
-    unsafe = task.first_unsafe(x[1:kept]) if kept > 1 else None
+    with np.errstate(all="ignore"):  # a rule that takes all states at once sees those after the end, too
+        unsafe = task.first_unsafe(x[1:kept]) if kept > 1 else None
     stopped = kept < len(x) or unsafe is not None
     kept = kept if unsafe is None else unsafe + 2
     # The period of the last row, of which the start belongs to the one before, unless nothing else is left.

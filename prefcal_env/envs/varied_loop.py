@@ -255,6 +255,9 @@ class VariedLoop:
         if BIAS in values:
             own = 0.0 if task.bias is None else task.bias
             task = replace(task, bias=own + values[BIAS] * self._step)
+        if hasattr(task.unsafe, "around"):  # outputs of another plant follow from its states in another way
+            unsafe = task.unsafe.around(plant)
+            task = replace(task, unsafe=unsafe, vectorized=unsafe.vectorized)
         jitter, lag = max(task.jitter, values.get(JITTER, 0.0)), task.lag + values.get(LAG, 0.0)
         return replace(task, x0=x0, u0=u0, y_ref=y_ref, d=d, max_move=moves, jitter=jitter, lag=lag)
 

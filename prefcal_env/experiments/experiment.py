@@ -439,8 +439,8 @@ class Experiment:
 
 KPIs = Callable[[Experiment], Mapping[str, float]]  # function of an experiment that returns its KPIs by name
 _FAR, _MOSTLY, _RARELY, _NEAR = 0.03, 0.5, 0.1, 1e-6
-"""Share of the largest error above which an output is away from its reference; shares of that time; share
-of the size of a limit by which an input may miss it and still count as being at it."""
+"""Share of the largest error above which an output is away from its reference, unless its band is narrower;
+shares of that time; share of the size of a limit by which an input may miss it and still be at it."""
 
 
 def limiting_input(experiment: Experiment) -> str:
@@ -449,11 +449,11 @@ def limiting_input(experiment: Experiment) -> str:
     It is "" if none is, and if one goes from limit to limit, which is an oscillation.
     """
     for run in experiment.runs or (experiment,):
-        targets = [(run.output(i), run.reference(i)) for i in range(len(run.channels.y))]
-        errors = [np.nan_to_num(np.abs(y - r)) for y, r in targets if y is not None and r is not None]
+        targets = [(c.band or np.inf, run.output(i), run.reference(i)) for i, c in enumerate(run.channels.y)]
+        errors = [(b, np.nan_to_num(np.abs(y - r))) for b, y, r in targets if y is not None and r is not None]
         if len(run.t) < 2 or not errors:
             continue
-        away = np.any([e[:-1] > _FAR * e.max() for e in errors], axis=0)
+        away = np.any([e[:-1] > min(_FAR * e.max(), band) for band, e in errors], axis=0)
         steps = np.diff(run.t) * away  # values are held until the next instant
         for channel, u in zip(run.channels.u, run.u[:-1].T, strict=True):
             near = _NEAR * max(abs(end) for end in (channel.low, channel.high, 1e-300) if np.isfinite(end))

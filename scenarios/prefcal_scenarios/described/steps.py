@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from contextlib import suppress
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Protocol, Self
@@ -319,22 +320,34 @@ def _task(plant: Plant, found: Design) -> Task:
 class RunsAway:
     """Function of a state that tells whether an output has run away, or an output or state left its limits.
 
+    Outputs are judged with the input at rest. So a limit on one does not count if its input acts on it at
+    once, or if it has a dead time of its own: what is recorded then differs.
+
     Args:
         plant: Plant.
         design: What was chosen for it. What starts at or beyond a limit has none.
     """
 
     def __init__(self, plant: Any, design: Design) -> None:
-        self._plant, self._point = plant, design.point
-        at = design.point
-        starts = plant.g(at.x, at.u, at.d)
+        at = self._point = design.point
         self._limits = _within(plant.states, at.x)
-        self._outputs = _within(plant.outputs, starts)
+        outputs = _within(plant.outputs, plant.g(at.x, at.u, at.d))
+        self._outputs = [row for row in outputs if _is_seen(plant, row[0])]
         for loop in design.loops:
             reach = _AWAY * abs(loop.step)
             self._outputs.append((loop.output, loop.start - reach, loop.start + reach))
+        self._take(plant)
+
+    def _take(self, plant: Any) -> None:
+        self._plant = plant
         self.vectorized = isinstance(plant, LinearPlant)
         """Whether it takes M states at once, as columns."""
+
+    def around(self, plant: Plant) -> "RunsAway":
+        """Return the same limits of another plant, whose outputs may follow otherwise from its states."""
+        made = copy(self)
+        made._take(plant.plant if isinstance(plant, Disturbed) else plant)
+        return made
 
     def __call__(self, x: Float[np.ndarray, " *M"]) -> Any:
         """Return whether the experiment ends."""
@@ -351,6 +364,12 @@ class RunsAway:
             return True
         y = self._plant.g(x, self._point.u, self._point.d).tolist()
         return not all(low <= y[k] <= high for k, low, high in self._outputs)
+
+
+def _is_seen(plant: Any, k: int) -> bool:
+    """Return whether output `k` is what the states say, at the same instant."""
+    direct = isinstance(plant, LinearPlant) and bool(plant.system.D[k].any())
+    return not (direct or np.any(delays_of(plant)[1]) or np.any(getattr(plant, "entry_delay", ())))
 
 
 def _within(channels: Sequence[Channel], starts: Float[np.ndarray, " n"]) -> list[tuple[int, float, float]]:

@@ -155,6 +155,9 @@ def test_noise_and_jitter_are_those_of_the_seed():
     assert loop(THETA, 3) != loop(THETA, 4)
 
 
+LARGE = Task(np.zeros(101), np.zeros(1), np.ones(1), 2.0)
+
+
 class Own(PID):
     """A controller that may do anything in another way."""
 
@@ -165,6 +168,11 @@ UNKNOWN = {
         pid_of,
     ),
     "another controller": (lag_env(), lambda theta: Own(theta[0], T_s=0.1)),
+    "another controller among several": (lag_env(), lambda theta: Decentralized([Own(theta[0], T_s=0.1)])),
+    "a hundred states and more": (
+        PlantEnv(Plant.of((-np.eye(101), np.eye(101)[:, :1], np.eye(101)[:1], [[0.0]])), LARGE),
+        pid_of,
+    ),
     "a reference of its own": (PlantEnv(LAG, Task(THETA, THETA, lambda t: THETA, 2.0)), pid_of),
     "a preview": (lag_env(preview=2), pid_of),
     "an end of its own": (lag_env(settled=lambda period: True), pid_of),

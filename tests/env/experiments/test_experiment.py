@@ -558,6 +558,14 @@ def test_an_input_limits_a_run_that_is_at_one_limit_while_an_output_is_away_from
     assert limiting_input(alone) == ""  # without a reference, nothing is away from it
 
 
+def test_an_offset_outside_of_the_band_is_not_the_fault_of_the_limit_on_the_way():
+    """At first, the largest error is 20, and the input is at its limit; then an offset of 0.5 stays."""
+    run = limited([100.0] * 2 + [60.0] * 8, [21.0, 11.0] + [1.5] * 8)
+    assert limiting_input(run) == "valve"  # 3 % of 20 would be less than is away
+    y = replace(run.channels.y[0], band=0.2)
+    assert limiting_input(replace(run, channels=replace(run.channels, y=(y,)))) == ""
+
+
 def test_of_several_maneuvers_one_that_an_input_limits_is_enough():
     calm, limit = limited([60.0] * 10, np.ones(10)), limited([100.0] * 10, np.full(10, 0.4))
     assert limiting_input(replace(calm, runs=(calm, limit))) == "valve"

@@ -594,3 +594,28 @@ def test_an_output_of_a_transfer_function_that_leaves_its_limits_ends_the_run(li
         assert y[-1] > 104.0 >= y[:-1].max()
     else:
         assert y.max() == pytest.approx(105.9, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("system", "late", "high"), [(([1.6], [40.0, 1.0]), 7.0, 104.0), (([-4.0, 1.0], [10.0, 1.0]), 0.0, 1.5)]
+)
+def test_an_output_that_is_seen_later_or_moves_with_the_input_ends_no_run_by_its_limits(system, late, high):
+    plant = Plant.of(system, output_delay=late, outputs=[Channel("T", high=high)])
+    scenario = pid_scenario(plant)
+    made = scenario.run(scenario.references["robust"])
+    assert made.end is End.TIME_UP
+    free = pid_scenario(Plant.of(system, output_delay=late, outputs=[Channel("T")]))
+    assert np.array_equal(made.output(0), free.run(made.theta).output(0))
+
+
+def test_limits_of_an_output_follow_the_varied_plant():
+    """A plant of a sample has the same outputs by other states: its state is τ K times the input."""
+    systems = [system_of(([1.6], [tau, 1.0])) for tau in (40.0, 80.0)]
+    study = Plant.of(systems[0], inputs=[Channel("valve", "%", 0, 100)], outputs=[Channel("T", high=108.0)])
+    unsafe = pid_scenario(study, reference={"T": 100.0}).source.varied().loop.task.unsafe
+    for system in systems:
+        other = unsafe.around(Plant.of(system))
+        state = np.linalg.lstsq(system.C, [107.0], rcond=None)[0]
+        assert not other(state)
+        assert other(state * 109 / 107)
+        assert other(np.column_stack([state, state * 109 / 107])).tolist() == [False, True]
