@@ -217,7 +217,7 @@ class Verification:
         """Return whether runs fail only at targets, loads or starts that nobody stated."""
         good = not any(run.problems for run in (self.tuning.nominal, *self.as_stated))
         complete = 0 < len(self.as_stated) == len(self.runs)
-        return complete and good and self.tuning.margins != UNSTABLE
+        return complete and good and self.tuning.margins != UNSTABLE and not self.misses_margin
 
     @property
     def stated(self) -> str:

@@ -8,6 +8,7 @@ import pytest
 from scipy.special import betaincinv
 
 from prefcal_env import Channel, Experiment, Knob, KnobSpace, Plant, recorded
+from prefcal_env.controllers.margins import UNSTABLE, Margins
 from prefcal_env.envs.varied_loop import DIRECTION, LOAD, REFERENCE
 from prefcal_env.errors import KnobError, ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import End
@@ -205,6 +206,26 @@ def test_what_fails_at_the_stated_target_too_is_not_excused_by_it():
     # Nominally, the stated target alone decides.
     heavy = replace(SPRING, run=Tracking(), kpis=(KPI("weight", "weight", at_most=1.9),))
     assert verify(heavy, THETA, 20, jobs=1).headline.startswith("Does not hold: ")
+
+
+def test_what_misses_a_stated_margin_or_is_not_stable_at_its_target_does_not_hold_as_stated():
+    margin = KPI("pull", "stiffness", at_most=3.9, margin=True)
+    kpis = (KPI("weight", "weight", at_most=2.3), margin)
+    found = verify(replace(SPRING, run=Tracking(), kpis=kpis), THETA, 100, jobs=1)
+    assert len(found.as_stated) == 100
+    assert not any(each.problems for each in found.as_stated)
+    held = f"{100 - len(found.failed)} of 100 runs keep the stated limits"
+    assert found.headline == (
+        f"Does not hold: {held}; at the stated target and load, 100 of the same 100 do; not varied: "
+        "direction. Margins of the nominal loop: stiffness 4, required ≤ 3.9: NOT kept."
+    )
+    assert not any("task=0" in each for each in Verified.of(found, SPRING, "", "1.0", "").advice)
+    kept = replace(found, kpis=(kpis[0], replace(margin, at_most=5.0)))
+    assert kept.headline.startswith("Does not hold beyond the stated target and load: ")
+    swings = replace(Margins(4.0, 0.0, 60.0, 1.0, 1.3, 1.0), target=UNSTABLE)
+    there = replace(kept, tuning=replace(kept.tuning, margins=swings))
+    assert there.headline.startswith(f"Does not hold: {held}")
+    assert there.headline.endswith("At its target, it is NOT STABLE.")
 
 
 def test_where_the_range_of_an_input_ends_no_other_controller_is_advised():
