@@ -497,6 +497,27 @@ def test_a_run_that_hangs_when_all_are_stopped_is_one_that_does_not_keep_the_lim
         assert "6 of 7 runs end safely and settle" in found.statement
 
 
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_ctrl_c_while_failed_runs_run_again_starts_no_other_ones(count):
+    """The runs themselves are one count; those that failed another, the rest as stated, other tunings."""
+    counts = []
+
+    def stop(arrived, total):
+        counts[len(counts) :] = [total] if arrived == 1 else []
+        if len(counts) == count + 1 and arrived == 2:
+            raise KeyboardInterrupt
+
+    kpis = (KPI("weight", "weight", at_most=2.3),)
+    tracking = replace(SPRING, run=Tracking(), kpis=kpis, simulated=True)
+    found = verify(tracking, THETA, 100, jobs=1, progress=stop)
+    failed = len(found.failed)
+    assert failed > 2
+    assert counts[1:3] == [failed, 100 - failed][:count]
+    assert len(counts) == count + 1, "Ctrl-C ends all that follows"
+    assert len(found.as_stated) == [0, failed, 100][count - 1]
+    assert found.others is None
+
+
 def test_ctrl_c_after_the_last_run_adds_none():
     left, interrupted = None, False
 
