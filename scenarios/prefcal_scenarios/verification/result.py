@@ -722,7 +722,7 @@ def _next(found: Verification, scenario: Scenario, robust: bool) -> tuple[str, .
 
 
 def _another(found: Verification, scenario: Scenario, robust: bool) -> str:
-    """Return which other tuning to look for, or what else to change."""
+    """Return which other tuning to look for, or what else to change; "" if neither helps."""
     tried, change = found.others, _SMALLER if found.limiting else "change the controller"
     if breakable(found.kpis):
         change = f"{change} or relax the limit"
@@ -748,6 +748,8 @@ def _another(found: Verification, scenario: Scenario, robust: bool) -> str:
     elif robust:
         tighter = "start one with tighter limits, or " if breakable(found.kpis) else ""
         first = f"the study was robust, which varies the plant and the noise only: {tighter}{change}"
+    elif found.holds_as_stated:  # so it holds on other plants, and robust studies vary nothing else
+        first = ""
     else:
         hold = f" ({drawn} hold nominally)" if drawn else ""
         start = shlex.join(["--robust", "--start", typed_theta(scenario.space, found.tuning.theta.tolist())])

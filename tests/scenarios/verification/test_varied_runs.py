@@ -180,6 +180,13 @@ def test_runs_that_fail_at_targets_that_nobody_stated_are_counted_apart():
     assert [each.seed for each in found.as_stated[:bad]] == [each.seed for each in found.failed]
     first, *_ = Verified.of(found, tracking, "", "1.0", "").advice
     assert first == "if nothing but the stated target and load counts, verify that alone, with --range task=0"
+    # It holds on other plants already, which is all that a robust study looks for.
+    simulated = replace(tracking, simulated=True)
+    for holds in (True, False):
+        other = found if holds else replace(found, as_stated=())
+        said = Verified.of(other, simulated, "", "1.0", "").advice
+        assert any("look for one that holds on other plants" in each for each in said) is not holds
+        assert all(said)
     # It does what it says: nothing of the task varies then, and no other verdict follows.
     alone = verify(tracking, THETA, 100, ranges={"task": 0.0}, jobs=1)
     assert alone.headline == (
