@@ -14,7 +14,7 @@ from scipy.special import betaincinv
 from prefcal_env.controllers.margins import UNCONSTRAINED, UNSTABLE, Margins, margins, margins_at_target
 from prefcal_env.disk import digest_of, write_durably
 from prefcal_env.envs.task import Task
-from prefcal_env.envs.varied_loop import DIRECTION, LOAD, STEP, STEPPED, TURN
+from prefcal_env.envs.varied_loop import DIRECTION, LOAD, REFERENCE, SHIFT, STEP, STEPPED, TURN
 from prefcal_env.envs.varied_plant import at_target
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import End
@@ -43,7 +43,7 @@ from prefcal_scenarios.wording import (
 CONFIDENCE = 0.95
 RANGE_0 = "its range is 0"
 """Why something does not vary that somebody left out."""
-_TASK = {**dict.fromkeys(STEPPED, "target"), LOAD: "load", TURN: "load"}
+_TASK = {REFERENCE: "target", SHIFT: "start", DIRECTION: "target", LOAD: "load", TURN: "load"}
 """What is stated of a task, by the name of the factor that varies it."""
 
 
@@ -222,8 +222,8 @@ class Verification:
     @property
     def stated(self) -> str:
         """Return what of the task is stated, though it varied, in words."""
-        words = (_TASK.get(f.name, f.name) for f in self.unstated)
-        return f"the stated {' and '.join(dict.fromkeys(words))}"
+        words = [*dict.fromkeys(_TASK.get(f.name, f.name) for f in self.unstated)]
+        return f"the stated {' and '.join(filter(None, [', '.join(words[:-1]), *words[-1:]]))}"
 
     @property
     def _where(self) -> str:

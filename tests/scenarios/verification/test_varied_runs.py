@@ -9,7 +9,7 @@ from scipy.special import betaincinv
 
 from prefcal_env import Channel, Experiment, Knob, KnobSpace, Plant, recorded
 from prefcal_env.controllers.margins import UNSTABLE, Margins
-from prefcal_env.envs.varied_loop import DIRECTION, LOAD, REFERENCE
+from prefcal_env.envs.varied_loop import DIRECTION, LOAD, REFERENCE, SHIFT
 from prefcal_env.errors import KnobError, ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import End
 from prefcal_env.sources.source import Source, Varied
@@ -193,6 +193,15 @@ def test_runs_that_fail_at_targets_that_nobody_stated_are_counted_apart():
         "Holds: 100 of 100 runs keep the stated limits; not varied: direction, size of the step, size of the "
         "load."
     )
+    for names, words in (
+        ((SHIFT,), "start"),
+        ((DIRECTION,), "target"),
+        ((LOAD, REFERENCE, SHIFT, DIRECTION), "load, target and start"),
+    ):
+        varied = tuple(Factor.around(name, "task", 0.2) for name in names)
+        assert replace(found, factors=varied).headline.startswith(
+            f"Does not hold beyond the stated {words}: "
+        )
     # A range that somebody states is what they ask for.
     stated = verify(tracking, THETA, 100, ranges={REFERENCE: 0.2}, jobs=1)
     assert stated.stated == "the stated load"
