@@ -704,7 +704,6 @@ def _compare_counts(new: Sequence[VerifiedRun], old: Sequence[VerifiedRun], base
     return f" Before ({baseline}): {held} of {len(old)} of the same plants{fewer}."
 
 
-_SMALLER = "ask for a smaller step or a larger range of the actuator"
 _ENOUGH = 10  # tunings that hold nominally, of which none that holds on other plants says something of all
 
 
@@ -723,9 +722,10 @@ def _next(found: Verification, scenario: Scenario, robust: bool) -> tuple[str, .
 
 def _another(found: Verification, scenario: Scenario, robust: bool) -> str:
     """Return which other tuning to look for, or what else to change; "" if neither helps."""
-    tried, change = found.others, _SMALLER if found.limiting else "change the controller"
-    if breakable(found.kpis):
-        change = f"{change} or relax the limit"
+    tried = found.others
+    ways = [] if found.limiting else ["change the controller"]  # what helps there is said of the input
+    change = " or ".join([*ways, "relax the limit"] if breakable(found.kpis) else ways)
+    due = f"{change}: " if change else ""
     drawn = "" if tried is None else f"{tried.nominal or 'none'} of {tried.count} tunings drawn at random"
     known = tried is not None and tried.nominal >= _ENOUGH  # of fewer, chance would say it
     stuck = [e for e in found.breaking if known and tried and not tried.alone.get(e.factor.name)]
@@ -738,16 +738,17 @@ def _another(found: Verification, scenario: Scenario, robust: bool) -> str:
     elif tried and not tried.nominal and found.tuning.nominal.problems:
         few = np.ceil(100 * most_probable(0, tried.count))
         first = (
-            f"{change}: this tuning does not hold even nominally, and {drawn} does (fewer than {few:.0f} % "
+            f"{due}this tuning does not hold even nominally, and {drawn} does (fewer than {few:.0f} % "
             f"of the ranges do, with {100 * CONFIDENCE:g} % confidence)"
         )
     elif stuck:
         names = " and ".join(f"{e.factor.name} ({_range(e.factor)})" for e in stuck)
         alone = "each alone make" if len(stuck) > 1 else "alone makes"
-        first = f"{change}: {names} {alone} this tuning fail, and each of the {drawn} that hold nominally"
+        first = f"{due}{names} {alone} this tuning fail, and each of the {drawn} that hold nominally"
     elif robust:
         tighter = "start one with tighter limits, or " if breakable(found.kpis) else ""
-        first = f"the study was robust, which varies the plant and the noise only: {tighter}{change}"
+        only = f"the study was robust, which varies the plant and the noise only: {tighter}{change}"
+        first = only if change else ""
     elif found.holds_as_stated:  # so it holds on other plants, and robust studies vary nothing else
         first = ""
     else:
