@@ -14,7 +14,7 @@ from scipy.special import betaincinv
 from prefcal_env.controllers.margins import UNCONSTRAINED, UNSTABLE, Margins, margins, margins_at_target
 from prefcal_env.disk import digest_of, write_durably
 from prefcal_env.envs.task import Task
-from prefcal_env.envs.varied_loop import DIRECTION, LOAD, STEP, STEPPED, TURN
+from prefcal_env.envs.varied_loop import DIRECTION, LOAD, REFERENCE, SHIFT, STEP, STEPPED, TURN
 from prefcal_env.envs.varied_plant import at_target
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import End
@@ -43,7 +43,7 @@ from prefcal_scenarios.wording import (
 CONFIDENCE = 0.95
 RANGE_0 = "its range is 0"
 """Why something does not vary that somebody left out."""
-_TASK = {**dict.fromkeys(STEPPED, "target"), LOAD: "load", TURN: "load"}
+_TASK = {REFERENCE: "target", SHIFT: "start", DIRECTION: "target", LOAD: "load", TURN: "load"}
 """What is stated of a task, by the name of the factor that varies it."""
 
 
@@ -217,13 +217,13 @@ class Verification:
         """Return whether runs fail only at targets, loads or starts that nobody stated."""
         good = not any(run.problems for run in (self.tuning.nominal, *self.as_stated))
         complete = 0 < len(self.as_stated) == len(self.runs)
-        return complete and good and self.tuning.margins != UNSTABLE
+        return complete and good and self.tuning.margins != UNSTABLE and not self.misses_margin
 
     @property
     def stated(self) -> str:
         """Return what of the task is stated, though it varied, in words."""
-        words = (_TASK.get(f.name, f.name) for f in self.unstated)
-        return f"the stated {' and '.join(dict.fromkeys(words))}"
+        words = [*dict.fromkeys(_TASK.get(f.name, f.name) for f in self.unstated)]
+        return f"the stated {' and '.join(filter(None, [', '.join(words[:-1]), *words[-1:]]))}"
 
     @property
     def _where(self) -> str:
@@ -704,7 +704,6 @@ def _compare_counts(new: Sequence[VerifiedRun], old: Sequence[VerifiedRun], base
     return f" Before ({baseline}): {held} of {len(old)} of the same plants{fewer}."
 
 
-_SMALLER = "ask for a smaller step or a larger range of the actuator"
 _ENOUGH = 10  # tunings that hold nominally, of which none that holds on other plants says something of all
 
 
@@ -722,10 +721,11 @@ def _next(found: Verification, scenario: Scenario, robust: bool) -> tuple[str, .
 
 
 def _another(found: Verification, scenario: Scenario, robust: bool) -> str:
-    """Return which other tuning to look for, or what else to change."""
-    tried, change = found.others, _SMALLER if found.limiting else "change the controller"
-    if breakable(found.kpis):
-        change = f"{change} or relax the limit"
+    """Return which other tuning to look for, or what else to change; "" if neither helps."""
+    tried = found.others
+    ways = [] if found.limiting else ["change the controller"]  # what helps there is said of the input
+    change = " or ".join([*ways, "relax the limit"] if breakable(found.kpis) else ways)
+    due = f"{change}: " if change else ""
     drawn = "" if tried is None else f"{tried.nominal or 'none'} of {tried.count} tunings drawn at random"
     known = tried is not None and tried.nominal >= _ENOUGH  # of fewer, chance would say it
     stuck = [e for e in found.breaking if known and tried and not tried.alone.get(e.factor.name)]
@@ -738,16 +738,19 @@ def _another(found: Verification, scenario: Scenario, robust: bool) -> str:
     elif tried and not tried.nominal and found.tuning.nominal.problems:
         few = np.ceil(100 * most_probable(0, tried.count))
         first = (
-            f"{change}: this tuning does not hold even nominally, and {drawn} does (fewer than {few:.0f} % "
+            f"{due}this tuning does not hold even nominally, and {drawn} does (fewer than {few:.0f} % "
             f"of the ranges do, with {100 * CONFIDENCE:g} % confidence)"
         )
     elif stuck:
         names = " and ".join(f"{e.factor.name} ({_range(e.factor)})" for e in stuck)
         alone = "each alone make" if len(stuck) > 1 else "alone makes"
-        first = f"{change}: {names} {alone} this tuning fail, and each of the {drawn} that hold nominally"
+        first = f"{due}{names} {alone} this tuning fail, and each of the {drawn} that hold nominally"
     elif robust:
         tighter = "start one with tighter limits, or " if breakable(found.kpis) else ""
-        first = f"the study was robust, which varies the plant and the noise only: {tighter}{change}"
+        only = f"the study was robust, which varies the plant and the noise only: {tighter}{change}"
+        first = only if change else ""
+    elif found.holds_as_stated:  # so it holds on other plants, and robust studies vary nothing else
+        first = ""
     else:
         hold = f" ({drawn} hold nominally)" if drawn else ""
         start = shlex.join(["--robust", "--start", typed_theta(scenario.space, found.tuning.theta.tolist())])

@@ -186,26 +186,31 @@ def verify(
     verified = Verification(found.name, found.kpis, factors, left_out, runs, tuning, kept, alone)
     if not (verified.failed and len(made) == len(cases)):
         return verified
-    verified = replace(verified, as_stated=tuple(_as_stated(found, known, verified, many)))
-    return replace(verified, others=_others(found, known, verified, noise, many))
+    again, cut = _as_stated(found, known, verified, many)
+    verified = replace(verified, as_stated=again)
+    return verified if cut else replace(verified, others=_others(found, known, verified, noise, many))
 
 
 def _as_stated(
     scenario: Scenario, known: Varied, verified: Verification, many: "_Many"
-) -> Iterator[VerifiedRun]:
-    """Yield the random runs that failed with the task as stated, and if all of these hold, the others.
+) -> tuple[tuple[VerifiedRun, ...], bool]:
+    """Return the random runs that failed with the task as stated, and if all of these hold, the others.
 
-    Plants, noise and all else are the same ones: so who fails there fails at what nobody stated.
+    Plants, noise and all else are the same ones: so who fails there fails at what nobody stated. With
+    them comes whether Ctrl-C ended that before all had run.
     """
-    own, names = verified.tuning, {f.name for f in verified.unstated}
+    own, names, found = verified.tuning, {f.name for f in verified.unstated}, list[VerifiedRun]()
     for runs in (verified.failed, [run for run in verified.runs if not run.problems]) if names else ():
         values = [{name: v for name, v in run.values.items() if name not in names} for run in runs]
         cases = [_Case(0, v, run.seed) for v, run in zip(values, runs, strict=True)]
         done = many(Variations(known.at, [own.theta], cases, noted=True))
         made = [_run(scenario, own.nominal, c, each) for c, each in zip(cases, done, strict=False)]
-        yield from made if len(made) == len(cases) else ()  # Ctrl-C: of some, nothing follows
-        if len(made) < len(cases) or any(run.problems for run in made):
-            return
+        if len(made) < len(cases):  # of some, nothing follows
+            return tuple(found), True
+        found += made
+        if any(run.problems for run in made):
+            break
+    return tuple(found), False
 
 
 def _within(known: tuple[Factor, ...], ranges: Ranges) -> tuple[tuple[Factor, ...], list[LeftOut]]:

@@ -8,7 +8,8 @@ import pytest
 from scipy.special import betaincinv
 
 from prefcal_env import Channel, Experiment, Knob, KnobSpace, Plant, recorded
-from prefcal_env.envs.varied_loop import DIRECTION, LOAD, REFERENCE
+from prefcal_env.controllers.margins import UNSTABLE, Margins
+from prefcal_env.envs.varied_loop import DIRECTION, LOAD, REFERENCE, SHIFT
 from prefcal_env.errors import KnobError, ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import End
 from prefcal_env.sources.source import Source, Varied
@@ -179,12 +180,28 @@ def test_runs_that_fail_at_targets_that_nobody_stated_are_counted_apart():
     assert [each.seed for each in found.as_stated[:bad]] == [each.seed for each in found.failed]
     first, *_ = Verified.of(found, tracking, "", "1.0", "").advice
     assert first == "if nothing but the stated target and load counts, verify that alone, with --range task=0"
+    # It holds on other plants already, which is all that a robust study looks for.
+    simulated = replace(tracking, simulated=True)
+    for holds in (True, False):
+        other = found if holds else replace(found, as_stated=())
+        said = Verified.of(other, simulated, "", "1.0", "").advice
+        assert any("look for one that holds on other plants" in each for each in said) is not holds
+        assert all(said)
     # It does what it says: nothing of the task varies then, and no other verdict follows.
     alone = verify(tracking, THETA, 100, ranges={"task": 0.0}, jobs=1)
     assert alone.headline == (
         "Holds: 100 of 100 runs keep the stated limits; not varied: direction, size of the step, size of the "
         "load."
     )
+    for names, words in (
+        ((SHIFT,), "start"),
+        ((DIRECTION,), "target"),
+        ((LOAD, REFERENCE, SHIFT, DIRECTION), "load, target and start"),
+    ):
+        varied = tuple(Factor.around(name, "task", 0.2) for name in names)
+        assert replace(found, factors=varied).headline.startswith(
+            f"Does not hold beyond the stated {words}: "
+        )
     # A range that somebody states is what they ask for.
     stated = verify(tracking, THETA, 100, ranges={REFERENCE: 0.2}, jobs=1)
     assert stated.stated == "the stated load"
@@ -205,6 +222,26 @@ def test_what_fails_at_the_stated_target_too_is_not_excused_by_it():
     # Nominally, the stated target alone decides.
     heavy = replace(SPRING, run=Tracking(), kpis=(KPI("weight", "weight", at_most=1.9),))
     assert verify(heavy, THETA, 20, jobs=1).headline.startswith("Does not hold: ")
+
+
+def test_what_misses_a_stated_margin_or_is_not_stable_at_its_target_does_not_hold_as_stated():
+    margin = KPI("pull", "stiffness", at_most=3.9, margin=True)
+    kpis = (KPI("weight", "weight", at_most=2.3), margin)
+    found = verify(replace(SPRING, run=Tracking(), kpis=kpis), THETA, 100, jobs=1)
+    assert len(found.as_stated) == 100
+    assert not any(each.problems for each in found.as_stated)
+    held = f"{100 - len(found.failed)} of 100 runs keep the stated limits"
+    assert found.headline == (
+        f"Does not hold: {held}; at the stated target and load, 100 of the same 100 do; not varied: "
+        "direction. Margins of the nominal loop: stiffness 4, required ≤ 3.9: NOT kept."
+    )
+    assert not any("task=0" in each for each in Verified.of(found, SPRING, "", "1.0", "").advice)
+    kept = replace(found, kpis=(kpis[0], replace(margin, at_most=5.0)))
+    assert kept.headline.startswith("Does not hold beyond the stated target and load: ")
+    swings = replace(Margins(4.0, 0.0, 60.0, 1.0, 1.3, 1.0), target=UNSTABLE)
+    there = replace(kept, tuning=replace(kept.tuning, margins=swings))
+    assert there.headline.startswith(f"Does not hold: {held}")
+    assert there.headline.endswith("At its target, it is NOT STABLE.")
 
 
 def test_where_the_range_of_an_input_ends_no_other_controller_is_advised():
@@ -229,7 +266,19 @@ def test_where_the_range_of_an_input_ends_no_other_controller_is_advised():
         "output is away from its reference: try a smaller step or load, or a larger range, before another "
         "controller"
     )
-    assert "ask for a smaller step or a larger range of the actuator or relax the limit" in said.advice[1]
+    assert said.advice[1] == (  # what the line before advises is not advised again
+        "relax the limit: gain (0.9 to 1.1) alone makes this tuning fail, and each of the "
+        f"{found.others.nominal} of 60 tunings drawn at random that hold nominally"
+    )
+    never = [
+        replace(each, problems=("the run ended early: unsafe",)[: len(each.problems)]) for each in found.runs
+    ]
+    loose = replace(found, kpis=(replace(kpis[0], at_most=np.inf, better="lower"),))
+    loose = replace(loose, tuning=replace(found.tuning, runs=tuple(never)))
+    _, stuck = Verified.of(loose, oven, "", "1.0", "", robust=True).advice
+    assert stuck.startswith("gain (0.9 to 1.1) alone makes this tuning fail, and each of")
+    untried = replace(loose, others=None)
+    assert Verified.of(untried, oven, "", "1.0", "", robust=True).advice == said.advice[:1]
     assert not any("change the controller" in each for each in said.advice)
     assert said.worst[0].words == "settling time misses its objective, heater at its limit"
     assert {*found.failed[0].kpis} == {"ts"}  # that it is limited is no KPI
@@ -474,6 +523,27 @@ def test_a_run_that_hangs_when_all_are_stopped_is_one_that_does_not_keep_the_lim
             "the run failed: it had not ended after 31 s, when the runs were stopped",
         )
         assert "6 of 7 runs end safely and settle" in found.statement
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_ctrl_c_while_failed_runs_run_again_starts_no_other_ones(count):
+    """The runs themselves are one count; those that failed another, the rest as stated, other tunings."""
+    counts = []
+
+    def stop(arrived, total):
+        counts[len(counts) :] = [total] if arrived == 1 else []
+        if len(counts) == count + 1 and arrived == 2:
+            raise KeyboardInterrupt
+
+    kpis = (KPI("weight", "weight", at_most=2.3),)
+    tracking = replace(SPRING, run=Tracking(), kpis=kpis, simulated=True)
+    found = verify(tracking, THETA, 100, jobs=1, progress=stop)
+    failed = len(found.failed)
+    assert failed > 2
+    assert counts[1:3] == [failed, 100 - failed][:count]
+    assert len(counts) == count + 1, "Ctrl-C ends all that follows"
+    assert len(found.as_stated) == [0, failed, 100][count - 1]
+    assert found.others is None
 
 
 def test_ctrl_c_after_the_last_run_adds_none():
