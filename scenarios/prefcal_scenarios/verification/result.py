@@ -302,6 +302,8 @@ class Verification:
         offers = " State the usual limits as objectives of the KPIs." if self.usual else ""
         own = self.tuning.nominal
         nominal = f"The nominal run: {own.words}." if own.problems else "The nominal run holds."
+        if self.tuning.margins == UNSTABLE and not own.problems:
+            nominal = "The nominal loop is not stable, though its run ended safely."
         return f"{stated} infinite that is finite nominally. {nominal}{offers}"
 
     @property

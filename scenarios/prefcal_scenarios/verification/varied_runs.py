@@ -177,7 +177,8 @@ def verify(
     limit = timeout if timeout is not None or jobs == 1 else DEFAULT_LIMIT  # a varied plant may never end
     many = partial(_done, jobs=jobs, timeout=limit, progress=progress, clock=clock)
     done = many(Variations(known.at, thetas, cases, noted=True))
-    made = [_run(found, tunings[c.which].nominal, c, each) for c, each in zip(cases, done, strict=False)]
+    # The tuning before is judged by what the new one reaches, or one that never settles would hold.
+    made = [_run(found, tunings[0].nominal, c, each) for c, each in zip(cases, done, strict=False)]
     parts = made[:runs], made[runs + 2 * len(factors) :]
     tuning, *before = (replace(t, runs=tuple(p)) for t, p in zip(tunings, parts, strict=False))
     left_out = (*known.left_out, *fixed, *unfair, *UNMODELED)
