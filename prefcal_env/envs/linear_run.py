@@ -7,7 +7,6 @@ import numpy as np
 from gymnasium.utils.seeding import np_random
 from jaxtyping import Bool, Float
 
-from prefcal_env.controllers.pid import PID, Decentralized
 from prefcal_env.experiments.experiment import End, Record
 from prefcal_env.plants.plant import Disturbed
 from prefcal_env.plants.systems import LinearPlant
@@ -34,7 +33,7 @@ def linear_run(env: Any, controller: Any, seed: int) -> tuple[Record, Bool[np.nd
     worn = controller if type(controller) is Worn else None
     pids: Any = controller if worn is None else worn.controller
     # A subclass may do anything in another way.
-    known = type(pids) in (PID, Decentralized) and all(type(p) is PID for p in getattr(pids, "pids", ()))
+    known = all("packed" in vars(type(each)) for each in (pids, *getattr(pids, "pids", ())))
     if not known or type(env) is not PlantEnv or not _is_known(env, pids.T_s):
         return None
     plant, task, T_s, packed = env.plant, env.task, env.sampling_time(pids.T_s), pids.packed

@@ -74,6 +74,10 @@ class Robustness:
     runs: tuple[VerifiedRun, ...] = ()  # random runs, independent of each other
     time_unit: str = ""  # unit of the delay margin
 
+    def holds(self, count: int) -> bool:
+        """Return whether it holds nominally and in `count` random runs, which are all."""
+        return len(self.runs) == count and not any(run.problems for run in (self.nominal, *self.runs))
+
     def quantiles(self, kpi: str) -> tuple[float, float]:
         """Return the 5 and 95 % quantile of the KPI of this name; NaN without values."""
         values = [float(run.kpis[kpi]) for run in self.runs if kpi in run.kpis]
@@ -390,7 +394,11 @@ class Verification:
         else:
             what = "limits together"
             new = ", ".join(f"{kpi.title} {words}" for kpi, words in zip(kpis, limits, strict=True))
-        return held, f"relax the {what}: with {new}, {held} of {count} runs hold"
+        # The limit is as these runs ask for: no proof that others keep it.
+        return (
+            held,
+            f"relax the {what}: with {new}, {held} of these {count} runs hold, of others perhaps fewer",
+        )
 
     def _near(self, kpi: KPI, value: float) -> bool:
         """Return whether a value that misses a limit is finite and no outlier, three times as far off."""
@@ -633,7 +641,7 @@ class Verified:
             statement=found.statement + compared + alone,
             limits_kept=found.limits,
             margins_kept=found.margin_verdict,
-            advice=_next(found, scenario, robust),
+            advice=_next(found, scenario, baseline, robust),
             share=found.share if found.runs else None,
             bound=found.bound,
             runs=len(found.runs),
@@ -709,12 +717,17 @@ def _compare_counts(new: Sequence[VerifiedRun], old: Sequence[VerifiedRun], base
 _ENOUGH = 10  # tunings that hold nominally, of which none that holds on other plants says something of all
 
 
-def _next(found: Verification, scenario: Scenario, robust: bool) -> tuple[str, ...]:
-    """Return what to do next if some run fails, a text each."""
+def _next(found: Verification, scenario: Scenario, baseline: str, robust: bool) -> tuple[str, ...]:
+    """Return what to do next if some run fails, or the loop is not stable, a text each."""
     if not found.failed:
-        return ()
+        look = "look for a stable loop: state a limit on M_s, such as at most 2, and repeat the study"
+        return (look,) if found.tuning.margins == UNSTABLE else ()
     alone = f"if nothing but {found.stated} counts, verify that alone, with --range task=0"
+    count = len(found.runs)
+    other = replace(found, tuning=found.before) if found.before and found.before.holds(count) else None
+    sound = baseline and other and not other.misses_margin and other.tuning.margins != UNSTABLE
     every = (
+        f"take the tuning before ({baseline}): it holds in all {count} of the same runs" if sound else "",
         found.limiting,
         alone if found.holds_as_stated else "",
         _another(found, scenario, robust) if scenario.simulated else "",
@@ -747,12 +760,14 @@ def _another(found: Verification, scenario: Scenario, robust: bool) -> str:
         names = " and ".join(f"{e.factor.name} ({_range(e.factor)})" for e in stuck)
         alone = "each alone make" if len(stuck) > 1 else "alone makes"
         first = f"{due}{names} {alone} this tuning fail, and each of the {drawn} that hold nominally"
-    elif robust:
-        tighter = "start one with tighter limits, or " if breakable(found.kpis) else ""
-        only = f"the study was robust, which varies the plant and the noise only: {tighter}{change}"
-        first = only if change else ""
-    elif found.holds_as_stated:  # so it holds on other plants, and robust studies vary nothing else
+    elif found.holds_as_stated and not robust:  # on other plants, too: robust studies vary nothing else
         first = ""
+    elif robust or (found.breaking and not any(each.factor.robust for each in found.breaking)):
+        tighter = "start one with tighter limits, or " if breakable(found.kpis) else ""
+        breaking = " and ".join(each.factor.name for each in found.breaking)
+        study = "the study was robust, which" if robust else f"{breaking} can break it, and a robust study"
+        only = f"{study} varies the plant and the noise only: {tighter}{change}"
+        first = only if change else ""
     else:
         hold = f" ({drawn} hold nominally)" if drawn else ""
         start = shlex.join(["--robust", "--start", typed_theta(scenario.space, found.tuning.theta.tolist())])

@@ -177,7 +177,6 @@ def verify(
     limit = timeout if timeout is not None or jobs == 1 else DEFAULT_LIMIT  # a varied plant may never end
     many = partial(_done, jobs=jobs, timeout=limit, progress=progress, clock=clock)
     done = many(Variations(known.at, thetas, cases, noted=True))
-    # The tuning before is judged by what the new one reaches, or one that never settles would hold.
     made = [_run(found, tunings[0].nominal, c, each) for c, each in zip(cases, done, strict=False)]
     parts = made[:runs], made[runs + 2 * len(factors) :]
     tuning, *before = (replace(t, runs=tuple(p)) for t, p in zip(tunings, parts, strict=False))
@@ -430,7 +429,10 @@ def _numbered(varied: Variations) -> tuple[Scenario, list[Float[np.ndarray, " 1"
 
 
 def _run(scenario: Scenario, nominal: VerifiedRun, case: _Case, result: HasKPIs) -> VerifiedRun:
-    """Return what remains of a run; of one without an experiment, what its code said."""
+    """Return what remains of a run; of one without an experiment, what its code said.
+
+    The tuning before is judged by what the new one reaches nominally: one that never settles would hold.
+    """
     problems = problems_of(scenario.kpis, result, nominal)
     if isinstance(result, FailedRun):
         problems = (f"the run failed: {result.words}",)
