@@ -14,7 +14,17 @@ from scipy.special import betaincinv
 from prefcal_env.controllers.margins import UNCONSTRAINED, UNSTABLE, Margins, margins, margins_at_target
 from prefcal_env.disk import digest_of, write_durably
 from prefcal_env.envs.task import Task
-from prefcal_env.envs.varied_loop import DIRECTION, LOAD, REFERENCE, SHIFT, STEP, STEPPED, TURN
+from prefcal_env.envs.varied_loop import (
+    DIRECTION,
+    IDENTIFIED,
+    LOAD,
+    NOISE,
+    REFERENCE,
+    SHIFT,
+    STEP,
+    STEPPED,
+    TURN,
+)
 from prefcal_env.envs.varied_plant import at_target
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import End
@@ -256,8 +266,15 @@ class Verification:
             said = f"{holds}{', but a stated margin is missed' if self.misses_margin else ''}: {held}"
         if count and self.never:
             said += f" Not even the nominal run has a finite {' or '.join(self.never)}."
+        said += self._quiet
         usual = "; ".join(self._offer(*each) for each in self.usual)
         return f"{said}{f' Usual limits: {usual}.' if usual and count else ''} {self.margin_verdict}".rstrip()
+
+    @property
+    def _quiet(self) -> str:
+        """Return that the study of an identified plant has no noise though its record has; "" if not so."""
+        told = [f.told for f in self.factors if f.name == NOISE and f.told.startswith(IDENTIFIED)]
+        return f" The runs that were compared are without {told[0].removeprefix(IDENTIFIED)}." if told else ""
 
     @property
     def misses_margin(self) -> bool:
