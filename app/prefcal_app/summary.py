@@ -397,6 +397,7 @@ def outlook(
     *,
     missed: Sequence[str] = (),
     never: Sequence[str] = (),
+    unstable: bool = False,
     limiting: str = "",
     helps: Callable[[int, bool], bool],
 ) -> Outlook:
@@ -410,12 +411,14 @@ def outlook(
         state: State of the study.
         missed: Titles of the KPIs whose objectives the best experiment misses.
         never: Titles of the KPIs that are infinite even in the best experiment.
+        unstable: Whether the loop of the best experiment is not stable.
         limiting: Input whose range limits the best experiment; "" if none does.
         helps: Function of the number of a knob at its end, and whether it is the upper end, that
             returns whether going further is expected to help.
     """
     reach = f"Not even the best experiment has a finite {_listed(never)}." if never else ""
-    why = f"{_missed(missed, limiting)} {reach}".strip()
+    swings = "The loop of the best experiment is not stable." if unstable else ""
+    why = " ".join(filter(None, (swings, _missed(missed, limiting), reach)))
     ends = [
         (knob, up)
         for knob, up in at_end(space, best)

@@ -47,6 +47,8 @@ JITTER, _JITTER, _MOST = "sampling jitter", 0.1, 0.49
 MOVE, SHIFT, REFERENCE, DIRECTION = "rate of the actuators", "start", "size of the step", "direction"
 TURN, STEP = "direction of the load", "start, size and direction of the step"
 STEPPED = (REFERENCE, SHIFT, DIRECTION)
+IDENTIFIED = "identified: "
+"""Begin of what the range of the noise follows from, if that is the noise of a record."""
 _ROOM = 2.0  # distance of a limit from start and targets, in steps, that leaves room for other references
 Build = Callable[[Disturbed, Task, Y, U], Source]
 """Function of plant, task, resolution of the sensors, shape (n_y,), and half backlash of the
@@ -186,7 +188,8 @@ class VariedLoop:
         found = float(f"{sample.noise / step:.2g}") if sample and step else 0.0
         if sample is None or found <= _NOISE:
             return _NOISE, ""
-        return found, f"identified: the noise of {sample.record}"
+        unit = self.plant.outputs[0].unit
+        return found, f"{IDENTIFIED}the noise of {sample.record}, {sample.noise:.2g} {unit}".rstrip()
 
     @property
     def _loaded(self) -> bool:

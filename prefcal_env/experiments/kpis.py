@@ -447,9 +447,12 @@ class KPI:
         An unstable loop does not, whether or not its margin has one.
         """
         value = experiment.kpis.get(self.name)
-        if self.margin and value == (np.inf if self.goal == "lower" else 0.0):
-            return False
-        return None if value is None else self.met(value)
+        return False if self.unstable(experiment) else None if value is None else self.met(value)
+
+    def unstable(self, experiment: Experiment) -> bool:
+        """Return whether this is a margin that an experiment does not have, since its loop is not stable."""
+        value = experiment.kpis.get(self.name)
+        return self.margin and value == (np.inf if self.goal == "lower" else 0.0)
 
 
 # --- Tracking KPIs: those of any experiment with references, errors of outputs and moves of inputs.

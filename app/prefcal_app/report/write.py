@@ -241,11 +241,13 @@ def verdict_of(record: StudyRecord, verified: Verified | str | None = None) -> s
     """Return the verdict above the tables of the sheet, of a study and what was verified of it."""
     if isinstance(verified, Verified):
         return verified.verdict
-    missed = [kpi for kpi in record.kpis if kpi.met_by(record.result.experiment) is False]
+    own = record.result.experiment
+    missed = [kpi for kpi in record.kpis if kpi.met(0.0) is not None and kpi.met_by(own) is False]
     runs, margins = (", ".join(k.title for k in missed if k.margin == each) for each in (False, True))
     lost = f"Does not hold: {runs}, required of the experiment itself, not kept. " if runs else ""
-    if (end := record.result.experiment.end) in (End.UNSAFE, End.FAILED):
-        lost = f"Does not hold: the experiment itself ended early: {end.value}. "
+    if own.end in (End.UNSAFE, End.FAILED):
+        lost = f"Does not hold: the experiment itself ended early: {own.end.value}. "
+    lost += "The loop is not stable. " if any(kpi.unstable(own) for kpi in record.kpis) else ""
     lost += f"Margins not kept: {margins}. " if margins else ""
     return f"{lost}Not verified on other plants than the modeled one: run prefcal verify best.json."
 

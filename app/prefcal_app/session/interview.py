@@ -153,7 +153,7 @@ class Known:
         state, place, by_value = driver.state, driver.file.path, driver.agent.by_value
         space = self._scenario().space
         missed, helps = self.missed, self._helps
-        others = (k for k in self._scenario().shown_kpis if k.goal is not None and k.title not in missed)
+        others = (k for k in self._scenario().shown_kpis if k.goal and k.title not in missed and not k.margin)
         never = [k.title for k in others if np.isinf(best.kpis.get(k.name, 0.0))]
         # What the best misses as it runs; a margin is no matter of the range of an input.
         lacks = any(k.met_by(best) is False for k in self._scenario().shown_kpis if not k.margin)
@@ -165,6 +165,7 @@ class Known:
             state,
             missed=missed,
             never=never,
+            unstable=self.unstable,
             limiting=limiting_input(best) if lacks else "",
             helps=helps,
         )
@@ -222,7 +223,14 @@ class Known:
         best = self._best()
         if best is None:
             return []
-        return [k.title for k in self._scenario().shown_kpis if k.met_by(best) is False]
+        limited = (k for k in self._scenario().shown_kpis if k.met(0.0) is not None)
+        return [k.title for k in limited if k.met_by(best) is False]
+
+    @property
+    def unstable(self) -> bool:
+        """Return whether the loop of the best experiment is not stable, as far as its margins say."""
+        best = self._best()
+        return best is not None and any(k.unstable(best) for k in self._scenario().shown_kpis)
 
     @property
     def screens(self) -> bool:

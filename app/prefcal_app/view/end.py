@@ -69,13 +69,13 @@ def screening_view(interview: Interview, now: Now, sentence: str, *, blind: bool
     """Return why the open question is asked, and an offer to stop; None for other agents.
 
     `sentence` is that of `why_view`. With `blind`, it is not sent: it tells which side is new. While
-    the best experiment misses an objective, stopping is not offered.
+    the best experiment misses an objective, or its loop is not stable, stopping is not offered.
     """
     if not interview.known.screens:
         return None
     found, missed = interview.known.findings, interview.known.missed
     asks = now.question is not None and now.question.repeats is None and not missed
-    asks = asks and not interview.known.none_safe
+    asks = asks and not interview.known.none_safe and not interview.known.unstable
     # That the answer hardly changes the result; empty if it may, or while not known.
     stakes = found.stakes if found is not None and found.explained else None
     told = (sentence, "" if stakes is None else at_stake(stakes))

@@ -14,7 +14,17 @@ from scipy.special import betaincinv
 from prefcal_env.controllers.margins import UNCONSTRAINED, UNSTABLE, Margins, margins, margins_at_target
 from prefcal_env.disk import digest_of, write_durably
 from prefcal_env.envs.task import Task
-from prefcal_env.envs.varied_loop import DIRECTION, LOAD, REFERENCE, SHIFT, STEP, STEPPED, TURN
+from prefcal_env.envs.varied_loop import (
+    DIRECTION,
+    IDENTIFIED,
+    LOAD,
+    NOISE,
+    REFERENCE,
+    SHIFT,
+    STEP,
+    STEPPED,
+    TURN,
+)
 from prefcal_env.envs.varied_plant import at_target
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import End
@@ -137,6 +147,7 @@ class Effect:
     # how much worse, as a share of the KPI's 5 to 95 % range over all runs; infinite if a
     # limit is lost
     worsening: float
+    doubled: bool = False  # whether that KPI is more than doubled, and by more than half of that range
 
 
 @dataclass(frozen=True, slots=True)
@@ -259,8 +270,15 @@ class Verification:
             said = f"{holds}{', but a stated margin is missed' if self.misses_margin else ''}: {held}"
         if count and self.never:
             said += f" Not even the nominal run has a finite {' or '.join(self.never)}."
+        said += self._quiet
         usual = "; ".join(self._offer(*each) for each in self.usual)
         return f"{said}{f' Usual limits: {usual}.' if usual and count else ''} {self.margin_verdict}".rstrip()
+
+    @property
+    def _quiet(self) -> str:
+        """Return that the study of an identified plant has no noise though its record has; "" if not so."""
+        told = [f.told for f in self.factors if f.name == NOISE and f.told.startswith(IDENTIFIED)]
+        return f" The runs that were compared are without {told[0].removeprefix(IDENTIFIED)}." if told else ""
 
     @property
     def misses_margin(self) -> bool:
@@ -422,12 +440,17 @@ class Verification:
 
     @cached_property
     def effects(self) -> tuple[Effect, ...]:
-        """Return what each factor does alone, the one that hurts most first."""
+        """Return what each factor does alone, the one that hurts most first.
+
+        First who loses a limit, then who doubles a KPI: what does so often, as noise does, makes wide
+        the range of which `worsening` is a share.
+        """
         pairs = zip(self.factors, self.alone[::2], self.alone[1::2], strict=False)
         both = [[self._effect(factor, run) for run in runs] for factor, *runs in pairs]
 
-        def badness(effect: Effect) -> tuple[float, int]:
-            return effect.worsening, len(effect.run.problems)
+        def badness(effect: Effect) -> tuple[bool, bool, float, int]:
+            lost = bool(np.isinf(effect.worsening))
+            return lost, effect.doubled, effect.worsening, len(effect.run.problems)
 
         return tuple(sorted((max(pair, key=badness) for pair in both), key=badness, reverse=True))
 
@@ -440,18 +463,20 @@ class Verification:
         """Return the worst random runs: by limits that they lose, then by their worst KPI."""
 
         def badness(run: VerifiedRun) -> tuple[bool, int, float]:
-            return run.end.interrupted, len(run.problems), self._worsening(run)[0]
+            shares = [share for share, *_ in self._worse(run)]
+            return run.end.interrupted, len(run.problems), max(shares, default=0.0)
 
         return tuple(sorted(self.runs, key=badness, reverse=True)[:count])
 
     def _effect(self, factor: Factor, run: VerifiedRun) -> Effect:
-        worsening, kpi = self._worsening(run)
+        worse = ((doubled and share > 0.5, share, kpi) for share, doubled, kpi in self._worse(run))
+        doubled, worsening, kpi = max(worse, default=(False, 0.0, ""))
         lost = set(run.problems) - set(self.tuning.nominal.problems)
-        return Effect(factor, run, kpi, np.inf if lost else worsening)
+        return Effect(factor, run, kpi, np.inf if lost else worsening, doubled)
 
-    def _worsening(self, run: VerifiedRun) -> tuple[float, str]:
-        """Return by how much a KPI is worse than nominally, as a share of its range, and which one."""
-        found, nominal = [(0.0, "")], self.tuning.nominal
+    def _worse(self, run: VerifiedRun) -> Iterator[tuple[float, bool, str]]:
+        """Yield by how much KPIs are worse than nominally: share of their range, if doubled, and title."""
+        nominal = self.tuning.nominal
         for kpi in self.kpis:
             if kpi.goal is None or kpi.name not in run.kpis or kpi.name not in nominal.kpis:
                 continue
@@ -459,8 +484,8 @@ class Verification:
             if here > there:
                 low, high = self.tuning.quantiles(kpi.name)
                 span = max(abs(high - low), 1e-9 * abs(there), 1e-300)
-                found.append(((here - there) / span if np.isfinite(span) else 0.0, kpi.title))
-        return max(found)
+                doubled = here > 2 * there if there > 0 else there < min(2 * here, 0)  # or halved
+                yield (here - there) / span if np.isfinite(span) else 0.0, doubled, kpi.title
 
 
 def breakable(kpis: Iterable[KPI]) -> list[KPI]:

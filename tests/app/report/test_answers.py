@@ -198,6 +198,25 @@ def test_a_sheet_whose_own_run_misses_what_is_required_says_so_before_anything_i
     assert verdict_of(record).startswith("Not verified")
 
 
+@pytest.mark.parametrize(
+    ("limit", "value", "words"),
+    [
+        (np.inf, np.inf, "The loop is not stable. Not verified"),  # nothing is stated that it does not keep
+        (2.0, np.inf, "The loop is not stable. Margins not kept: M_s. Not verified"),
+        (2.0, 2.5, "Margins not kept: M_s. Not verified"),
+        (np.inf, 2.5, "Not verified"),
+    ],
+)
+def test_a_loop_that_is_not_stable_is_called_so_and_no_limit_is_missed_that_nobody_stated(
+    limit, value, words
+):
+    record = toy_record()
+    margin = KPI("M_s", "M_s", better="lower", at_most=limit, margin=True)
+    found = SimpleNamespace(experiment=record.result.experiment.with_kpis({"M_s": value}))
+    own = SimpleNamespace(kpis=(*record.kpis, margin), result=found)
+    assert verdict_of(own).startswith(words)
+
+
 def test_nothing_of_what_varied_is_cut_and_the_ranges_of_kpis_stand_beside_it(folder):
     varied = tuple((f"factor {k}", "0.9 to 1.1", "stated") for k in range(40))
     replace(FOUND, varied=varied, best=digest_of(folder / BEST)).write(folder)

@@ -97,6 +97,24 @@ def test_a_missed_objective_is_said_once_enough_is_answered():
     json.dumps(outlook)
 
 
+@pytest.mark.parametrize(("limit", "stated"), [(np.inf, False), (2.0, True)])
+def test_a_loop_that_is_not_stable_is_called_so_and_misses_only_what_is_stated(limit, stated):
+    margin = KPI("M_s", "M_s", better="lower", at_most=limit, margin=True)
+
+    def swing(theta, seed=0):
+        made = toy.run(theta)
+        return made.with_kpis({**made.kpis, "M_s": np.inf})
+
+    interview = begin(replace(toy, kpis=(margin,), run=swing), n_max=9)
+    answer_all(interview, lambda number: None)
+    assert interview.known.unstable
+    assert interview.known.missed == (["M_s"] if stated else [])
+    first, *_ = status_view(interview)["outlook"]["sentences"]
+    assert first.startswith("The loop of the best experiment is not stable.")
+    assert ("misses the objective for M_s" in first) is stated
+    assert "finite" not in first
+
+
 def test_with_nothing_to_say_there_is_no_outlook(monkeypatch):
     interview, _ = asked(*[Choice.LEFT] * 5)
     interview._helps = lambda knob, upper: False

@@ -210,7 +210,10 @@ def test_a_verification_names_the_record_and_what_it_leaves_open(record, plant):
     step = abs(scenario.run(scenario.references["robust"]).y_ref[0] - 52)
     assert noise.high == pytest.approx(NOISE / step, rel=0.2)
     assert noise.high > 0.002
-    assert noise.told == "identified: the noise of step.csv"
+    assert noise.told == "identified: the noise of step.csv, 0.046 °C"
+    assert " The runs that were compared are without the noise of step.csv, 0.046 °C." in found.headline
+    quiet = replace(found, factors=tuple(factor for factor in found.factors if factor.name != "noise"))
+    assert "compared" not in quiet.headline
 
 
 def test_intervals_are_told_with_a_digit_more_where_their_ends_read_alike():

@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from scipy.special import betaincinv
 
 from prefcal_env import Channel, Experiment, Knob, KnobSpace, Plant, recorded
 from prefcal_env.controllers.margins import UNSTABLE, Margins
-from prefcal_env.envs.varied_loop import DIRECTION, LOAD, REFERENCE, SHIFT
+from prefcal_env.envs.varied_loop import DIRECTION, LOAD, NOISE, REFERENCE, SHIFT
 from prefcal_env.errors import KnobError, ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import End
 from prefcal_env.sources.source import Source, Varied
@@ -65,6 +66,48 @@ def test_numbers_among_the_arguments_of_a_run_vary_and_limits_are_counted():
         "mass (0.9 to 1.1): weight misses its objective",
         "stiffness (3.6 to 4.4): pull 4 → 4.4",
     )
+
+
+class Noisy(Source):
+    """A loop whose input noise alone moves, and whose sensitivity only the lightest masses change."""
+
+    def __init__(self, values=None):
+        self.values = values or {}
+
+    def run(self, theta, seed=0):
+        mass, noise = self.values.get("mass", 1.0), self.values.get(NOISE, 0.0)
+        M_s = 1.78 + 0.12 * max(10 * (1 - mass), 0) ** 9
+        return run(theta, seed).with_kpis({"M_s": M_s, "move": 58 + 18600 * noise, "ratio": 9 - 50 * noise})
+
+    def varied(self):
+        told = "identified: the noise of step.csv, 0.074 °C"
+        noise = Factor(NOISE, "sensor", 0.0, 0.0, 0.04, "of the step", told=told)
+        return Varied((Factor.around("mass", "parameter", 0.1), noise), (), Noisy)
+
+
+def test_what_doubles_a_kpi_comes_before_what_only_goes_further_beyond_its_range():
+    low = partial(KPI, better="lower")
+    kpis = (low("M_s", "M_s"), low("move", "total move", "%"), KPI("ratio", "ratio", better="higher"))
+    found = verify(replace(SPRING, run=Noisy(), kpis=kpis), THETA, 100, jobs=1)
+    noise, mass = found.effects
+    assert mass.worsening > 2 * noise.worsening  # of a range that noise makes as wide as what it does
+    assert (noise.doubled, mass.doubled) == (True, False)
+    assert Verified.of(found, SPRING, "", "1.0", "").effects == (
+        "noise (0 to 0.04 of the step): total move 58 → 802 %",
+        "mass (0.9 to 1.1): M_s 1.78 → 1.9",
+    )
+    for least, doubled in ((9.0, True), (11.0, False)):  # of 20, 9 is less than half and 11 is not
+
+        def worn(theta, seed=0, mass=1.0, least=least):
+            return run(theta, seed).with_kpis({"ratio": 20.0 if mass == 1 else least})
+
+        alone = verify(replace(SPRING, run=worn, kpis=kpis[2:]), THETA, 20, ranges={"least": 0}, jobs=1)
+        assert [each.doubled for each in alone.effects] == [doubled]
+    # A limit that is lost still comes first.
+    lost = replace(
+        found, alone=(replace(found.alone[0], problems=("M_s misses its objective",)), *found.alone[1:])
+    )
+    assert [each.factor.name for each in lost.effects] == ["mass", NOISE]
 
 
 def test_a_time_that_never_comes_is_never_in_every_table():
