@@ -417,7 +417,7 @@ def _drifts(
     gaps: Float[np.ndarray, "m 2"],
     heights: Sequence[Sequence[float]],
 ) -> bool:
-    """Return whether any curve is elsewhere after `gaps` in the time, taken together, by more than is still."""
+    """Return whether any curve moves by more than is still in `gaps` in the time, taken together."""
     for curves, (low, high) in zip(panels, heights, strict=True):
         for values in curves:
             if values is not None and (known := np.isfinite(values)).any():
