@@ -36,7 +36,7 @@ from prefcal_scenarios.own import file_in, files_of, fingerprint, joined_source,
 from prefcal_scenarios.scenario import Scenario, with_ranges
 from prefcal_scenarios.wording import MISSING, number, with_unit
 
-from .record import StudyRecord, refuse_outdated, written_as
+from .record import StudyRecord, refuse_changed, refuse_outdated, written_as
 
 FORMAT = 1
 """Format of best.json."""
@@ -145,8 +145,10 @@ def load_controller(path: str | Path, *, check: bool = True) -> Controller:
     Raises:
         ScenarioError: If the file does not exist or is not a best.json, the scenario is unknown
             or has no controller, θ does not fit it, or the settings differ from the file's.
+        StaleError: If θ or the settings in the file were changed by hand.
     """
     content, _ = _read(Path(path))
+    refuse_changed(Path(path), content)
     if (described := _described(content, path)) is not None:
         return described
     scenario = _loaded(content, path)
@@ -367,12 +369,12 @@ def _loaded(content: Mapping[str, Any], path: str | Path) -> Scenario:
 
 def _values(scenario: Scenario, theta: Any, path: str | Path) -> Float[np.ndarray, " n"]:
     """Return the values of θ in a best.json, shape (n,)."""
-    if not isinstance(theta, Mapping) or list(theta) != list(scenario.space.names):
+    if not isinstance(theta, Mapping) or sorted(theta) != sorted(scenario.space.names):
         raise ScenarioError(
             f"theta in {str(path)!r} must name the knobs {list(scenario.space.names)}, got {theta!s:.200}"
         )
     try:
-        return scenario.space.check(np.array(list(theta.values()), dtype=float))
+        return scenario.space.check(np.array([theta[name] for name in scenario.space.names], dtype=float))
     except (TypeError, ValueError, OverflowError) as error:
         raise ScenarioError(f"theta in {str(path)!r} does not fit: {error!s:.200}") from error
 

@@ -30,7 +30,7 @@ from prefcal_env.experiments.panels import named
 from prefcal_env.knobs import theta_key
 from prefcal_env.preferences.answer import Comparison, Preference
 from prefcal_env.sources.source import plant_of
-from prefcal_env.study import StudyFile, study_path, to_text
+from prefcal_env.study import StudyFile, space_of, study_path, to_text
 from prefcal_env.wording import in_words, locate
 from prefcal_scenarios.runs import WORST, grouped
 from prefcal_scenarios.scenario import KPI, Scenario
@@ -162,9 +162,25 @@ def identity_of(file: StudyFile) -> str:
 
 
 def written_as(content: Mapping[str, Any]) -> str:
-    """Return a fingerprint of θ and settings in a best.json, in 16 hexadecimal digits."""
-    said = [[*content["theta"].items()], content["settings"]]
-    return sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()[:16]
+    """Return a fingerprint of θ and settings in a best.json, in 16 hexadecimal digits.
+
+    Other programs write 2.0 as 2, or keys in another order: that changes nothing of it.
+    """
+    said = json.dumps([content["theta"], content["settings"]])
+    same = json.loads(said, parse_int=float)
+    return sha256(json.dumps(same, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def refuse_changed(best: Path, content: Mapping[str, Any]) -> None:
+    """Raise a StaleError if θ or the settings in the content of a best.json are not those written."""
+    if content.get("written as", written := written_as(content)) != written:
+        owner = _read(best.parent / MARKER)
+        name = owner.get("study") or (content.get("origin") or {}).get("study")
+        how = f": {_anew(best, str(name), bool(owner))}" if name else ""
+        raise StaleError(
+            f"{str(best)!r} was changed by hand: theta and settings are not those of experiment "
+            f"{content.get('experiment')} any more. Write it anew{how}"
+        )
 
 
 def refuse_outdated(best: Path, content: Mapping[str, Any]) -> None:
@@ -179,19 +195,14 @@ def refuse_outdated(best: Path, content: Mapping[str, Any]) -> None:
     Raises:
         StaleError: If the best of the study is another one, or θ or the settings are not those written.
     """
-    owner = _read(best.parent / MARKER)
+    refuse_changed(best, content)
+    owner, above = _read(best.parent / MARKER), best.resolve().parent
     name = owner.get("study") or content.get("origin", {}).get("study")
-    if content.get("written as", written := written_as(content)) != written:
-        how = f": {_anew(best, str(name), bool(owner))}" if name else ""
-        raise StaleError(
-            f"{str(best)!r} was changed by hand: theta and settings are not those of experiment "
-            f"{content.get('experiment')} any more. Write it anew{how}"
-        )
-    above, theta = best.resolve().parent, np.array(list(content["theta"].values()))
     with suppress(StudyError, StopIteration):
         places = (place / study_path(str(name)) for place in (Path(), above, *above.parents))
         path = next(place for place in places if name and place.is_file())
         with StudyFile.open(path, clock=str, reading=True) as file:
+            theta = np.array(_in_order(file, content["theta"]))
             if identity_of(file) != owner.get("identity") if owner else file.find_experiment(theta) is None:
                 return  # another study of this name
             index, held = file.state.history.incumbent, content.get("experiment")
@@ -216,7 +227,13 @@ def _is_experiment(file: StudyFile, index: int, content: Mapping[str, Any]) -> b
     """Return whether a best.json holds this experiment of a study; a plant may have rounded its θ."""
     theta, ran = file.state.history.samples[index].theta, file.experiment(file.state.finished[index]).theta
     now = ran.tolist() if len(ran) == len(theta) else list(theta)  # knobs were added since it ran
-    return content.get("experiment") == index + 1 and list(content["theta"].values()) == now
+    return content.get("experiment") == index + 1 and _in_order(file, content["theta"]) == now
+
+
+def _in_order(file: StudyFile, theta: Mapping[str, Any]) -> list[Any]:
+    """Return the values of θ in the order of a study's knobs; names that it does not know come last."""
+    order = {name: k for k, name in enumerate(space_of(file.state.configuration).names)}
+    return [theta[name] for name in sorted(theta, key=lambda name: order.get(name, len(order)))]
 
 
 # --- Hold the content of a report: a study's comparisons, and what follows from them.

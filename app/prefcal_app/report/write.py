@@ -19,7 +19,7 @@ from markupsafe import Markup
 from prefcal_app.session.study import why_over
 from prefcal_app.summary import kept_text
 from prefcal_app.view.end import FIRST, first_rows, pid_table
-from prefcal_app.view.question import cell, row, table, theta_view
+from prefcal_app.view.question import cell, column, row, table, theta_view
 from prefcal_env.controllers.forms import ALL, PARALLEL
 from prefcal_env.controllers.margins import Margins
 from prefcal_env.disk import digest_of
@@ -260,13 +260,16 @@ def top(verdict: str) -> str:
 def verified_tables(verified: Verified) -> dict[str, list[dict[str, Any]]]:
     """Return tables of what `varied` and what not, and of margins and KPIs (`tables`), without empty ones."""
 
-    def made(label: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[dict[str, Any]]:
+    def made(
+        label: str, heads: Sequence[str], rows: Sequence[Sequence[str]], kind: str = ""
+    ) -> list[dict[str, Any]]:
         if not rows:
             return []
-        return [table(label, heads, [row(name, list(map(cell, cells))) for name, *cells in rows])]
+        shown = [row(name, [cell(each, kind=kind) for each in cells], kind=kind) for name, *cells in rows]
+        return [table(label, [column(head, kind=kind) for head in heads], shown)]
 
-    varied = made("What varied", VARIED, verified.varied)
-    varied += made("What was not varied, and why", NOT_VARIED, verified.left_out)
+    varied = made("What varied", VARIED, verified.varied, "words")
+    varied += made("What was not varied, and why", NOT_VARIED, verified.left_out, "words")
     found = made("Stability margins", verified.margin_columns, verified.margins)
     found += made("KPIs of the varied plants", verified.kpi_columns, verified.kpis)
     return {"varied": varied, "tables": found}

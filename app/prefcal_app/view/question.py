@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import pairwise
 from math import isfinite, isinf, isnan
 from typing import Any
 
@@ -382,17 +383,17 @@ def eventful(panels: Sequence[Plot], axes: dict[str, Any], *shown: Experiment) -
 
     That is from the first time any curve, reference or limit moves until all of them stay near
     their last value: within the band of a target, and within 2 % of the axis. It is one part, unless
-    things happen in less than 15 % of it, as after a step and a load hours apart.
+    things happen in less than 15 % of it, as after a step and a load hours apart, and no curve drifts
+    by more than 2 % of the axis between these parts.
 
     Args:
         axes: Axes of the panels: `x`, and `y` by panel.
     """
     first, last = axes["x"]
+    runs = [run for experiment in shown for run in experiment.runs or (experiment,) if len(run.t)]
     found = [
         moved
-        for experiment in shown
-        for run in experiment.runs or (experiment,)
-        if len(run.t)
+        for run in runs
         for panel, curves, (low, high) in zip(panels, panel_curves(panels, run), axes["y"], strict=True)
         for moved in _movements(panel.channel, run.t, curves, _STILL * (high - low))
     ]
@@ -403,9 +404,27 @@ def eventful(panels: Sequence[Plot], axes: dict[str, Any], *shown: Experiment) -
         return [[first, last]]
     apart = [_around(*part, first, last) for part in _joined(found, _APART * (end - start))]
     if 1 < len(apart) <= _PARTS and sum(b - a for a, b in apart) < _FEW * (end - start):
-        return apart
+        gaps = np.array([[a[1], b[0]] for a, b in pairwise(apart)])
+        if not any(_drifts(panel_curves(panels, run), run.t, gaps, axes["y"]) for run in runs):
+            return apart
     start, end = _around(start, end, first, last)
     return [[first, last] if end - start > _NEARLY_ALL * (last - first) else [start, end]]
+
+
+def _drifts(
+    panels: Sequence[Sequence[Float[np.ndarray, " K"] | None]],
+    t: Float[np.ndarray, " K"],
+    gaps: Float[np.ndarray, "m 2"],
+    heights: Sequence[Sequence[float]],
+) -> bool:
+    """Return whether any curve moves by more than is still in `gaps` in the time, taken together."""
+    for curves, (low, high) in zip(panels, heights, strict=True):
+        for values in curves:
+            if values is not None and (known := np.isfinite(values)).any():
+                drift = np.abs(np.diff(np.interp(gaps, t[known], values[known]))).sum()
+                if drift > _STILL * (high - low):
+                    return True
+    return False
 
 
 def _around(start: float, end: float, first: float, last: float) -> list[float]:

@@ -177,11 +177,11 @@ def test_a_best_json_that_does_not_fit_is_refused(best, changes, error, words):
 
 
 @pytest.mark.parametrize("key", ["theta", "settings"])
-@pytest.mark.parametrize("use", [tuning_of, partial(export_controller, to="st")])
+@pytest.mark.parametrize("use", [tuning_of, load_controller, partial(export_controller, to="st")])
 def test_theta_and_settings_that_were_changed_by_hand_are_not_used(best, use, key):
     content = json.loads(best.read_text("utf-8"))
     best.write_text(json.dumps(content, indent=4), encoding="utf-8")  # laid out anew, but the same
-    if use is tuning_of:
+    if use in (tuning_of, load_controller):
         use(best)
     content[key]["T_s"] = content[key]["T_s"] * 0.9
     best.write_text(json.dumps(content), encoding="utf-8")
@@ -192,6 +192,21 @@ def test_theta_and_settings_that_were_changed_by_hand_are_not_used(best, use, ke
 def test_what_is_written_is_read_again(best):
     content = json.loads(best.read_text("utf-8"))
     assert content["written as"] == written_as(content)
+
+
+def test_what_another_program_writes_anew_is_no_change_by_hand(best):
+    content, theta = json.loads(best.read_text("utf-8")), tuning_of(best).theta.tolist()
+    for as_number in (int, float):  # as `jq .` and Node do, or others
+        whole = lambda text, kind=as_number: kind(n) if (n := float(text)).is_integer() else n  # noqa: E731
+        again = json.loads(json.dumps(content, sort_keys=True), parse_int=whole, parse_float=whole)
+        best.write_text(json.dumps({**again, "format": 1}, sort_keys=True), encoding="utf-8")
+        assert list(json.loads(best.read_text("utf-8"))["theta"]) == ["N_p", "T_s", "gain"]
+        assert tuning_of(best).theta.tolist() == theta
+    said = {"theta": {"b": 2.0, "a": 0.1}, "settings": {"N": 10, "T_f": None, "on": True}}
+    assert written_as(said) == written_as(
+        {"settings": {"on": True, "T_f": None, "N": 10.0}, "theta": {"a": 0.1, "b": 2}}
+    )
+    assert written_as(said) != written_as({**said, "theta": {"b": 2.0, "a": 0.2}})
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", "not json"])

@@ -11,6 +11,7 @@ from prefcal_app.report.pictures import best_against
 from prefcal_app.report.write import page as page_of
 from prefcal_app.report.write import sheet
 from prefcal_env.knobs import Knob, KnobSpace
+from support.verified import FOUND
 from toy_study import toy_record
 
 PAPER = 703
@@ -62,6 +63,24 @@ def test_no_table_reaches_over_its_place(browser, text, width):
     )
     assert len(ends) == 3
     assert width == 390 or all(a[1] <= b[0] for a, b in pairwise(ends))
+
+
+WORDS = "usual: this is a range that nobody stated, " + "and what is said of it takes more than a line " * 3
+
+
+@pytest.mark.parametrize(
+    "made", [sheet, lambda record, found: page_of(record, [], found)], ids=["sheet", "report"]
+)
+@pytest.mark.parametrize("width", [390, 1280])
+def test_what_varied_wraps_and_is_never_cut(browser, made, width):
+    long = (("time constant of the jacket temperature", "0.9 to 1.1 of that of the model", WORDS),)
+    page = browser.new_page(viewport={"width": width, "height": 800})
+    page.set_content(made(toy_record(), replace(FOUND, varied=long, left_out=(("jitter of it", WORDS),))))
+    assert page.evaluate("document.documentElement.scrollWidth") == width
+    varied = page.locator("[aria-label='What varied'], [aria-label^='What was not varied']")
+    rooms = varied.evaluate_all("all => all.map(box => [box.scrollWidth, box.clientWidth])")
+    assert len(rooms) == (0 if made is sheet else 2)  # a list on the sheet
+    assert width == 390 or all(own <= room for own, room in rooms)
 
 
 def test_on_a_phone_what_was_gained_needs_no_scrolling(browser, text):

@@ -91,6 +91,13 @@ def test_a_drift_between_two_events_keeps_the_time_between():
     assert shown(made(drift), made(drift))[1] > 40
 
 
+@pytest.mark.parametrize(("drift", "parts"), [(0.15, 2), (0.45, 1)])  # 1.4 % and 4.2 % of its axis
+def test_a_slow_drift_of_an_input_between_a_step_and_a_load_is_not_cut(drift, parts):
+    valve = 5.0 + drift * np.clip((T - 2) / 38, 0, 1) + 3.0 * (T > 1) * (T < 2) + 3.0 * (T > 40) * (T < 41)
+    one = made(step(1.0, tau=0.1), valve)
+    assert len(eventful(PANELS, Seen().frame(PANELS, one, one), one, one)) == parts
+
+
 def test_two_runs_in_which_nothing_happens_show_the_whole_time():
     still = made(np.full(len(T), 2.0))
     assert shown(still, still) == Seen().frame(PANELS, still, still)["x"]

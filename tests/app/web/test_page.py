@@ -52,6 +52,9 @@ def test_twelve_comparisons_by_keyboard(browser, command):
         )
     assert choices == keys
     watched.page.click("text=Close prefcal")
+    watched.page.wait_for_selector("text=You can close this tab.")
+    watched.page.wait_for_timeout(2500)  # the page would have asked again by then
+    assert watched.page.text_content("#banner") == ""
     out, _ = served.process.communicate(timeout=30)
     assert served.process.returncode == 0
     assert "Report: " in out

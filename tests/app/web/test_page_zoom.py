@@ -64,6 +64,21 @@ def test_two_events_hours_apart_are_shown_one_after_the_other(opened):
     assert axes(watched)[0] == question["axes"]["x"]
     page.keyboard.press("0")
     assert axes(watched)[0] == pytest.approx(step)
+    page.keyboard.press("f")
+    assert axes(watched)[0] == pytest.approx(step)
+    assert title.text_content() == f"time [s] · key 0: all {question['axes']['x'][1]:.0f} s"
+    page.keyboard.press("0")
+    assert axes(watched)[0] == question["axes"]["x"]
+    page.keyboard.press("0")
+    page.keyboard.press("0")
+    assert axes(watched)[0] == pytest.approx(load)
+    for _ in range(9):  # what comes first is on the screen whenever an answer is asked for
+        watched.answer("ArrowLeft")
+        windows = shown(watched)["windows"]
+        assert axes(watched)[0] == pytest.approx(windows[0])
+        if len(windows) == 2:
+            break
+    assert "moves again from" in title.text_content()
 
 
 def test_what_is_zoomed_stays_for_the_next_question_and_after_a_reload(opened):

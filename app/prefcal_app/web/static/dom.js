@@ -44,7 +44,7 @@ export const verdict = (met) => (typeof met !== "boolean" ? null : [el("span", {
 export const shownTable = ({ columns, rows }) => table(columns.map(({ name }) => name), rows.map(({ name, aim, about, unit, cells }) => ({
   title: about || null, cells: [[symbol(name), aim ? el("small", { class: "faint" }, ` (${aim})`) : null],
     ...cells.map(({ text, met, kind }) => el("span", { class: kind.split(" ").at(-1) }, withUnit(text, unit), verdict(met) ?? []))] })),
-{ class: "kpi-table", kinds: ["", ...columns.slice(1).map(() => "number")] });
+{ class: "kpi-table", kinds: ["", ...columns.slice(1).map(({ kind }) => (kind === "words" ? "" : "number"))] });
 
 // Return what is closed at first; it stays as the person left it while the page is drawn anew.
 export const folded = (id, summary, ...parts) => el("details", { id, open: $(id)?.open }, el("summary", {}, summary), ...parts);

@@ -77,11 +77,11 @@ function lines({ curves, references, limits }, panel, i, color, dash) {
 }
 
 // Say how to see the rest of the time, if only a part is shown, and where things happen in it.
-function rest({ axes: { x }, windows }, shown, unit) {
+function rest({ axes: { x }, windows }, { x: shown, part }, unit) {
   if (shown[0] <= x[0] && shown[1] >= x[1]) return "";
   const how = matchMedia("(hover: none)").matches ? "double-tap" : "key 0";
-  const next = windows[windows.findIndex(([from, to]) => from === shown[0] && to === shown[1]) + 1];
-  if (next && next !== windows[0]) return ` · ${how}: moves again from ${Number(next[0].toPrecision(4))} ${unit}`;
+  const next = windows[part + 1]; // a zoom to the target is no part
+  if (next) return ` · ${how}: moves again from ${Number(next[0].toPrecision(4))} ${unit}`;
   return ` · ${how}: all ${Number((x[1] - x[0]).toPrecision(4))} ${unit}`;
 }
 
@@ -96,7 +96,7 @@ export function layout(question, name, view, unit, { width, height }) {
     paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", dragmode: "zoom",
     font: { family: "system-ui, sans-serif" }, shapes: [],
     xaxis: { ...grid, range: [...view.x], anchor: `y${panels.length > 1 ? panels.length : ""}`, nticks: width < 420 ? 6 : 10,
-      title: { text: unit ? `time [${plain}]${rest(question, view.x, plain)}` : "time", font: { ...font, size: 12 }, standoff: 4 } },
+      title: { text: unit ? `time [${plain}]${rest(question, view, plain)}` : "time", font: { ...font, size: 12 }, standoff: 4 } },
   };
   panels.forEach((panel, i) => {
     const { top, bottom } = place(i, panels.length, height);

@@ -3,7 +3,7 @@
 import { Refusal, news, post } from "./api.js";
 import { $, ask, counted, el, keep, kept } from "./dom.js";
 
-export const state = { now: null, view: "now", blind: false, sending: 0, answered: null, shownAt: 0, lost: false,
+export const state = { now: null, view: "now", blind: false, sending: 0, answered: null, shownAt: 0, lost: false, closed: false,
   saved: "", unsure: null }; // the last answer that was saved, and one that was sent without a reply
 const KEY = "prefcal-comment";
 const LINGER = 150; // ms after a new question in which a verdict counts as a double press of the last one
@@ -63,7 +63,7 @@ function show(view) {
 }
 
 async function listen() {
-  for (;;) {
+  while (!state.closed) {
     waiting = new AbortController();
     try {
       const asked = state.blind;
@@ -88,6 +88,7 @@ const hiddenFor = (ms) => new Promise((resolve) => {
 });
 
 async function lost(error) {
+  if (state.closed) return; // by this person, on this page
   state.lost = true;
   banner(error instanceof Refusal && error.status === 401
     ? "This link is no longer valid. Open the one that the terminal shows." : offline());

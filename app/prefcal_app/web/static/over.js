@@ -1,7 +1,7 @@
 // Show the end: what you got, why this one, whether it holds, and what to do next.
 
 import { $, DARK, ask, button, copying, counted, el, fill, folded, shownTable, symbol, values } from "./dom.js";
-import { can, open } from "./flow.js";
+import { can, open, state } from "./flow.js";
 import { showNext } from "./history.js";
 import { showOther, showTheta } from "./simulated.js";
 import { bestCard } from "./status.js";
@@ -115,6 +115,7 @@ function left({ next: { outlook }, smaller, why, held, missed }) {
 
 async function close(act) {
   if (await act("close", {})) {
+    state.closed = true;
     ask("Closed", el("p", {}, "You can close this tab."), []);
   }
 }

@@ -17,14 +17,14 @@ export function remember(zoom) {
   keep(KEY, JSON.stringify(zoom), "sessionStorage");
 }
 
-// Return what was chosen last; at first, the time in which things happen.
+// Return what was chosen last; at first, and for each new question, the first time in which things happen.
 export function recalled() {
   try {
     chosen ??= JSON.parse(kept(KEY, "sessionStorage"));
   } catch {
     // Nothing of ours.
   }
-  return chosen ?? EVENTS;
+  return !chosen || chosen.kind === "events" ? EVENTS : chosen;
 }
 
 export const applies = ({ kind, of }, question) =>
@@ -39,7 +39,7 @@ export function following({ kind, part }, { windows }) {
 // Return the axes of a question.
 export function view(zoom, question, all) {
   if (zoom.kind === "whole" || !question.windows.length) return all;
-  if (!applies(zoom, question)) return { x: question.windows[zoom.part] ?? question.windows[0], y: all.y };
+  if (!applies(zoom, question)) return { x: question.windows[zoom.part] ?? question.windows[0], y: all.y, part: zoom.part };
   return zoom.kind === "target" ? target(question, all) : zoom.view;
 }
 
