@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 
+from prefcal_env import units
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Channel, Channels, Controller
 from prefcal_env.plants.systems import held
@@ -165,6 +166,13 @@ def _time_of(channels: Channels) -> str:
     return channels.time_unit or "(the plant's unit of time)"
 
 
+def _called_every(T_s: float, channels: Channels) -> str:
+    """Return how often a controller is called, in seconds, too, in which tasks are set."""
+    length = units.seconds(channels.time_unit)
+    also = f" ({T_s * length:.6g} s)" if length not in (None, 1.0) else ""
+    return f"to be called once in every sampling time of {T_s:.6g} {_time_of(channels)}{also}"
+
+
 def _called(channels: Sequence[Channel], index: int, kind: str) -> str:
     """Return a channel's name and unit, for comments."""
     if index >= len(channels):
@@ -301,11 +309,11 @@ static inline double $name(
 
 def _pid(pid: PID, language: str, channels: Channels, name: str, about: str) -> str:
     p, law, time = pid.parameters, pid.law, _time_of(channels)
-    said = {n: f"{p[n]:.6g}" for n in ("T_s", "K_p", "T_i", "T_d", "N", "b", "c")}
+    said = {n: f"{p[n]:.6g}" for n in ("K_p", "T_i", "T_d", "N", "b", "c")}
     action = "direct action, u rises with y" if p["K_p"] < 0 else "reverse action, u falls as y rises"
     head = _comment(
         about,
-        f"PID, to be called once in every sampling time of {said['T_s']} {time}: its constants are for that.",
+        f"PID, {_called_every(p['T_s'], channels)}: its constants are for that.",
         "u = K_p (b r - y + 1/T_i int(r - y) dt + T_d d(c r - y)/dt), the derivative filtered with T_d/N.",
         f"K_p = {said['K_p']} ({action}), T_i = {said['T_i']} {time}, T_d = {said['T_d']} {time},",
         f"N = {said['N']}, b = {said['b']}, c = {said['c']}. K_p is in units of u per unit of y.",
@@ -404,12 +412,12 @@ $summed}
 
 def _lqr(controller: LQR | LQG, channels: Channels, name: str, about: str) -> str:
     lqg = controller if isinstance(controller, LQG) else None
-    lqr, time = (controller if isinstance(controller, LQR) else controller.lqr), _time_of(channels)
+    lqr = controller if isinstance(controller, LQR) else controller.lqr
     m, sums = lqr.model, bool(lqr.integral)
     sizes = {"NX": len(m.x0), "NU": len(m.u0), "NY": len(m.y0), "NI": len(lqr.integral)}
     head = _comment(
         about,
-        f"{type(controller).__name__}, to be called once in every sampling time of {lqr.T_s:.6g} {time}.",
+        f"{type(controller).__name__}, {_called_every(lqr.T_s, channels)}.",
         _listed("r and y", channels.y, len(m.y0)),
         _listed("u", channels.u, len(m.u0)),
         _listed("x", channels.x, len(m.x0)),
@@ -656,7 +664,7 @@ def _mpc(mpc: "LinearMPC", channels: Channels, name: str, about: str) -> str:
     sizes = {"NX": n_x, "NU": n_u, "NP": p, "NI": s.N_u * n_u, "N": n, "M": m}
     head = _comment(
         about,
-        f"MPC, to be called once in every sampling time of {s.T_s:.6g} {_time_of(channels)}.",
+        f"MPC, {_called_every(s.T_s, channels)}.",
         f"N_p = {s.N_p}, N_u = {s.N_u}. It predicts without dead time, and solves its QP exactly.",
         _listed("r", channels.y, n_y),
         _listed("u", channels.u, n_u),

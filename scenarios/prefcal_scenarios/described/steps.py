@@ -14,7 +14,7 @@ from prefcal_env.controllers.stored import as_data
 from prefcal_env.envs.closed_loop import ClosedLoop
 from prefcal_env.envs.plant_env import PlantEnv, delays_of
 from prefcal_env.envs.task import StepSignal, Task
-from prefcal_env.envs.varied_plant import at_target
+from prefcal_env.envs.varied_plant import at_target, sample_of
 from prefcal_env.errors import PlantError, ScenarioError
 from prefcal_env.experiments.events import entry_time
 from prefcal_env.experiments.experiment import Channel, Controller, Experiment
@@ -25,6 +25,7 @@ from prefcal_env.plants.systems import LinearPlant
 from prefcal_env.units import conversion
 from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.scenario import KPI, Scenario
+from prefcal_scenarios.wording import quantity
 
 from .design import Design, Single
 
@@ -415,6 +416,12 @@ def _brief(plant: Plant, design: Design) -> str:
                 + ("." if absolute else ": if its values are deviations, give it limits on both sides of 0.")
             )
     said += getattr(getattr(plant, "system", None), "cleaned", ())
+    if (sample := sample_of(plant)) and sample.noise:
+        noise = quantity(float(f"{sample.noise:.3g}"), plant.outputs[0].unit)
+        said.append(
+            f"The runs are without the record's noise of {noise}: a gain or derivative that is too large "
+            f"moves {plant.inputs[0].name} with it, as verify shows."
+        )
     said.append(
         "Good control reaches the reference soon, without overshoot or oscillation, rejects the "
         "load, and spares the actuator. What counts more is up to you."

@@ -242,6 +242,8 @@ def test_comments_say_what_to_connect_and_which_way_it_acts() -> None:
     ):
         assert words in text
     assert "reverse action" in as_code(PID(2.0, T_s=0.5), "c", NAMED)
+    slow = as_code(PID(2.0, T_s=0.2), "st", replace(NAMED, time_unit="min"))
+    assert "every sampling time of 0.2 min (12 s): its constants" in slow
 
 
 @pytest.mark.parametrize("language", ["st", "c"])
