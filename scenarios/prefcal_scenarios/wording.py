@@ -21,7 +21,11 @@ from .scenario import KPI
 
 _SUBSCRIPTED = re.compile(r"([^\W_]+)_(\w+)")
 # Not between quotes, whose end is an entity in HTML: what is there is typed.
-_SYMBOL = re.compile(r"(?<![\w./:;-])([A-Za-z])_(\w{1,2})(?!\w|=|[./:]\w)")
+# A slash is of a path, unless it is that of a quotient of symbols: 1/T_i, K_p/T_i, T_d/N.
+_SYMBOL = re.compile(
+    r"(?:(?<![\w./:;-])|(?<=\b[A-Z]_[a-z]/)|(?<=\b1/)|(?<=[)′]/))"
+    r"([A-Za-z])_(\w{1,2})(?!\w|=|[.:]\w|/(?!([A-Z]_[a-z]|N)\b(?![./]\w))\w)"
+)
 
 MISSING = "–"  # text of a value that is not known
 

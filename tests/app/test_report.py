@@ -83,6 +83,11 @@ def test_what_follows_an_underscore_is_a_subscript(page):
 
 def test_symbols_in_sentences_have_subscripts_and_names_of_files_stay():
     assert symbols_in('kpis = {"M_s" = {at_most = 2}}') == "kpis = {&#34;M_s&#34; = {at_most = 2}}"
+    quotients = str(symbols_in("K_p/T_i, 1/T_i ∫e dt, T_d/N, K_p T_i′/T_i, ∫(u − v)/T_t dt."))
+    assert quotients.count("<sub>") == 8
+    assert "_" not in quotients
+    for path in ("K_p/T_i.py", "K_p/T_i/own.py", "of/K_p.toml", "K_p/own.py", "/T_i", "tmp/T_i"):
+        assert symbols_in(path) == path
     said = symbols_in("M_s ≤ 2 (K_p, T_i): docs/own_scenario.py:my_loop and x_1.py stay. Then T_d.")
     assert said == (
         "M<sub>s</sub> ≤ 2 (K<sub>p</sub>, T<sub>i</sub>): docs/own_scenario.py:my_loop and x_1.py stay. "

@@ -159,7 +159,7 @@ class Question:
 class Phase(Enum):
     """What a study waits for."""
 
-    RUNNING = "running"  # A proposal is being computed or an experiment is being run
+    RUNNING = "running"  # a proposal is being computed or an experiment is being run
     RECORD = "record"  # the person must run the experiment and provide its record
     CONFIRM = "confirm"  # the person must confirm what is written to a live plant
     FAILED = "failed"  # the run raised an error, or the study file could not be written

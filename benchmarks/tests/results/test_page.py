@@ -164,6 +164,14 @@ def test_nothing_is_written_of_impossible_results(tmp_path):
     assert not (tmp_path / "made").exists()
 
 
+CAPTIONS = """end => [...document.querySelectorAll(".scroll")]
+  .filter((box) => box.querySelector("caption") && box.scrollWidth > box.clientWidth).map((box) => {
+    box.scrollLeft = end;
+    const words = document.createRange();
+    words.selectNodeContents(box.querySelector("caption"));
+    const [of, within] = [words, box].map((each) => each.getBoundingClientRect());
+    return [of.left - within.left, of.right - within.left, box.clientWidth].map(Math.round);
+  })"""
 LOOPS = walks({"GLISp": 1.3, "GLIS": 1.6, "RandomSearch": 1.0}, seeds=2, n_max=5)
 
 
@@ -176,6 +184,17 @@ def test_closed_loops_come_first_and_have_no_gaps(tmp_path):
     assert column(tmp_path / "table.csv", "problem") == {"bowl", "valley", "waves"}
     assert column(tmp_path / "worth.csv", "taste") == {"weights"}
     assert column(tmp_path / "worth.csv", "agent") == {"GLISp", "GLIS", "RandomSearch"}
+
+
+def test_a_caption_is_in_sight_wherever_its_table_is_scrolled(tmp_path, browser):
+    text, _ = made(tmp_path, LOOPS)
+    page = browser.new_page(viewport={"width": 420, "height": 900})
+    page.set_content(text)
+    for end in (0, 10_000):
+        ends = page.evaluate(CAPTIONS, end)
+        assert ends
+        assert all(0 <= left <= right <= room for left, right, room in ends), ends
+    assert page.evaluate("document.documentElement.scrollWidth") == 420
 
 
 def test_of_closed_loops_alone_the_page_does_not_speak_of_gaps(tmp_path):

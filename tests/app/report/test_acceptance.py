@@ -159,3 +159,21 @@ def test_names_are_escaped():
 @pytest.mark.parametrize("change", [lambda record: record, crowded], ids=["usual", "crowded"])
 def test_the_sheet_prints_on_two_pages_at_most(tmp_path, change):
     assert pages_of(sheet(change(toy_record()), FOUND), tmp_path) <= 2
+
+
+def test_symbols_in_the_forms_of_a_pid_are_set_as_all_others():
+    pid = {
+        "controller": "PID",
+        "K_p": 2.0,
+        "T_i": 10.0,
+        "T_d": 3.0,
+        "N": 10.0,
+        "b": 1.0,
+        "c": 0.0,
+        "T_s": 0.5,
+    }
+    record = toy_record()
+    text = sheet(replace(record, scenario=replace(record.scenario, settings=lambda theta: pid)))
+    assert "<td>K<sub>p</sub>/T<sub>i</sub></td>" in text
+    assert "<td>√(T<sub>i</sub> T<sub>d</sub>)</td>" in text
+    assert "∫(u − v)/T<sub>t</sub> dt" in text
