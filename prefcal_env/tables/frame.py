@@ -91,8 +91,8 @@ class TableColumns:
         columns: Maps our names to the table's headings where they differ, such as
             {"level": "TI-101.PV", "level ref": "TI-101.SP"}.
         time: Heading of the column with the time: numbers, durations or time stamps. None finds
-            it by its usual names, or takes the index of a DataFrame; integers without a name are row
-            numbers, unless they are as large as seconds since 1970.
+            it by its usual names, or takes a first column that increases, or the index of a DataFrame;
+            integers without a name are row numbers, unless they are as large as seconds since 1970.
         outputs: Names of the outputs. If empty, all other columns that hold numbers.
         inputs: Names of the inputs.
         signals: Names of additional signals.
@@ -165,24 +165,29 @@ class TableColumns:
 
     def read(self, table: Table, theta: ArrayLike) -> Experiment:
         """Make an experiment of a table; see `from_frame`."""
+        return self.told(table, theta)[0]
+
+    def told(self, table: Table, theta: ArrayLike) -> tuple[Experiment, str]:
+        """Return the experiment of a table, and in words how its time was read."""
         wanted = {*self.columns.values(), *self.outputs, *self.inputs, "time"}
         used = _Used.of(sheet_of(table, wanted), self).ordered()
         most = self.max_rows
         if most is None or self.resample is not None or len(used.t) <= most:
-            return used.to_experiment(theta, self.kpis, self.end)
+            return used.to_experiment(theta, self.kpis, self.end), used.said
         kept = used.take(extreme_rows(list(used.values.values()), most))
         if self.kpis is None:
-            return kept.to_experiment(theta, None, self.end)
+            return kept.to_experiment(theta, None, self.end), used.said
         # The extremes that are kept for plots are no fair sample of the errors and moves.
         every = used.to_experiment(theta, self.kpis, self.end)
-        return kept.to_experiment(theta, None, every.end).with_kpis(every.kpis)
+        return kept.to_experiment(theta, None, every.end).with_kpis(every.kpis), used.said
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Used:
     """The columns of a sheet that are used, as numbers, at times `t`; references are "NAME ref".
 
-    `rows` are those of the sheet that are kept, `places` its columns, and `time` is that of the time.
+    `rows` are those of the sheet that are kept, `places` its columns, and `time` is that of the time, which
+    `said` says.
     """
 
     sheet: Sheet
@@ -194,6 +199,7 @@ class _Used:
     outputs: tuple[str, ...]
     places: Mapping[str, int]
     values: Mapping[str, Float[np.ndarray, " K"]]
+    said: str
 
     @classmethod
     def of(cls, sheet: Sheet, about: TableColumns) -> "_Used":
@@ -202,7 +208,7 @@ class _Used:
             raise RecordError(sheet.uneven)
         if not len(sheet.frame):
             raise RecordError("a table needs a line of headings and rows of values, got headings only")
-        time = time_column(sheet, about.columns.get("time", about.time))
+        time = time_column(sheet, about.columns.get("time", about.time), about.time_format, about.used())
         sheet, time = tidy(
             sheet, time, about.time_format, used=about.used(), repeated="duplicates" in about.allow
         )
@@ -217,7 +223,8 @@ class _Used:
         given = {_ref(n): sheet.unit(places[n], about.units.get(n)) for n in outputs}
         given |= {n: sheet.unit(places[n], about.units.get(n)) for n in names}
         values = {name: sheet.converted(place, given[name]) for name, place in places.items()}
-        return cls(sheet, about, sheet.name(time), unit, t, np.arange(len(t)), outputs, places, values)
+        rows, said = np.arange(len(t)), found.words(sheet, time)
+        return cls(sheet, about, sheet.name(time), unit, t, rows, outputs, places, values, said)
 
     def take(self, kept: Int[np.ndarray, " M"] | Bool[np.ndarray, " K"]) -> "_Used":
         """Return these rows only."""

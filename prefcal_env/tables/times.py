@@ -1,6 +1,8 @@
 """Find the time of a table and read it: numbers in any unit, time stamps, times of day."""
 
 import re
+from collections.abc import Collection, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,20 +35,68 @@ _CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])")
 _INDEX = 6  # rank of a column called index
 
 
-def time_column(sheet: Sheet, given: str | None) -> int:
-    """Return the number of the column `given`, or else of the one with a usual name of the time.
+_COUNTERS = re.compile(
+    r"|unnamed: [\d.]+|index|no\.?|nr\.?|#|row|record|sample|run|trial|experiment|id", re.IGNORECASE
+)
+"""What columns of row numbers are called: often nothing, which pandas reads as "Unnamed: 0"."""
+_MOVING = 0.1  # share of the rows in which a time without a usual name increases, at least
+
+
+def time_column(
+    sheet: Sheet,
+    given: str | None,
+    time_format: str | None = None,
+    used: Collection[str] = (),
+    *,
+    one: bool = True,
+) -> int:
+    """Return which column is the time: `given`, one with a usual name, or a first one that increases.
+
+    Args:
+        given: Heading of the time; None to find it.
+        time_format: Format of time stamps as for `datetime.strptime`; None for ISO 8601.
+        used: Names of columns that somebody asks for as something else.
+        one: Whether to refuse several columns with usual names, and row numbers; else the first one is taken.
 
     Raises:
         RecordError: If there is none, or there are several.
     """
     if given is not None:
         return sheet.column(given, "")
-    found = usual_time_columns(sheet)
-    if len(found) == 1:
+    found = usual_time_columns(sheet) or ([0] if _increases(sheet, time_format, used, one) else [])
+    if len(found) == 1 or (found and not one):
         return found[0]
     there = ", ".join(repr(parts_of(h)[0]) for h in sheet.headings[:12])
-    what = "several columns may be the time" if found else "no column is called time"
-    raise RecordError(f"{what}: give the right one as time=...; there are {there}")
+    none = "no column is called time, and the first one may be none"
+    what = "several columns may be the time" if found else none
+    raise RecordError(f"{what}: name the right one with --time, in Python time=...; there are {there}")
+
+
+def _increases(sheet: Sheet, time_format: str | None, used: Collection[str], strict: bool) -> bool:
+    """Return whether the first column is the time by its values: no temperature, if strict no row numbers."""
+    name = sheet.name(0)
+    if name in {"T", *used} or (strict and (not name or 0 in row_numbers(sheet))):
+        return False
+    column = sheet.frame[0]
+    there = np.asarray(column.notna() & (column.astype(str).str.strip() != ""))
+    sheet, steps = sheet.take(np.flatnonzero(there)), np.zeros(0)
+    with suppress(RecordError):
+        clock = clock_of(sheet, 0, time_format) if there.any() else None
+        steps = np.diff(sheet.numbers(0) if clock is None else clock.s)
+    return bool(len(steps) and (steps >= 0).all() and (steps > 0).mean() >= _MOVING)
+
+
+def row_numbers(sheet: Sheet) -> Iterator[int]:
+    """Yield the columns that number the rows, as an index of pandas does."""
+    for i, heading in enumerate(sheet.headings):
+        values = sheet.frame[i]
+        if _COUNTERS.fullmatch(heading.strip()) and values.dtype.kind in "iuf":
+            numbers = values.to_numpy(dtype=float, na_value=np.nan)
+            steps = np.diff(numbers)
+            # A selection of rows keeps their numbers.
+            whole = np.isfinite(numbers).all() and (np.mod(numbers, 1) == 0).all()
+            if whole and ((steps == 1).all() or (i == 0 and (steps > 0).all())):
+                yield i
 
 
 def usual_time_columns(sheet: Sheet) -> list[int]:
@@ -131,9 +181,16 @@ class Instants:
 
     t: Float[np.ndarray, " K"]  # times in `unit`, shape (K,)
     unit: str  # their unit
-    read: str = ""  # unit in which numbers without one in brackets were read; "" if nothing is to be said
+    read: str = ""  # unit in which numbers were read, if it is another one or none is given; else ""
     said: tuple[str, ...] = ()  # what else was made of a clock, in words
     stamped: bool = False  # whether they are instants of a calendar, of which only differences tell something
+
+    def words(self, sheet: Sheet, time: int) -> str:
+        """Return which column was taken for the time, and in which unit it was read."""
+        name = repr(sheet.name(time)) if sheet.name(time) else f"column {time + 1}"
+        if self.read and self.read != self.unit:
+            return f"time from {name}, read as {self.read}, in {self.unit}"
+        return f"time from {name} in {self.unit}{', as no unit is given' if self.read else ''}"
 
 
 def instants(
@@ -175,9 +232,9 @@ def _of_numbers(sheet: Sheet, column: int, wanted: str, given: str | None, said:
     stated = bracketed or spelled
     # Whoever asks for a finer unit than seconds may have the time since a start.
     counted = None if stated or given in ("ns", "us", "ms") else _counted(found)
-    source, doubted = stated or counted or given or "s", False
+    source, unsaid = stated or counted or given or "s", not (stated or counted or given)
     if not (stated or counted) and source == "s":  # who wants seconds may have others
-        doubted = _doubt(name, found, plain=words in (["time"], ["t"], ["index"], [])) and given is None
+        _check_steps(name, found, plain=words in (["time"], ["t"], ["index"], []))
     _check_order(sheet, found, source)
     t = found if source == wanted else _convert(found, _seconds(source), _seconds(wanted))
     length = units.seconds(source) or 0.0
@@ -186,7 +243,7 @@ def _of_numbers(sheet: Sheet, column: int, wanted: str, given: str | None, said:
             f"column {name!r} would reach {np.abs(found).max():g} {source}, thousands of years: write its "
             f"unit into the heading, as in '{name} [ms]'"
         )
-    read = source if not bracketed and (source != wanted or doubted) else ""
+    read = source if not bracketed and (source != wanted or unsaid) else ""
     return Instants(t, wanted, read, stamped=counted is not None)
 
 
@@ -225,8 +282,8 @@ def _counted(found: Float[np.ndarray, " K"]) -> str | None:
     return "d" if np.median(steps) < 1e-3 or (np.abs(tenths - np.round(tenths)) < 0.02).all() else None
 
 
-def _doubt(name: str, found: Float[np.ndarray, " K"], *, plain: bool) -> bool:
-    """Return whether numbers without a unit are seconds, but with steps that few choose in seconds.
+def _check_steps(name: str, found: Float[np.ndarray, " K"], *, plain: bool) -> None:
+    """Refuse numbers without a unit with steps that few choose in seconds.
 
     Counters of milliseconds and finer are whole numbers with long steps, and with jitter if a clock
     made them. A column that is just called time (`plain`) is in seconds if its times are round, or
@@ -237,17 +294,16 @@ def _doubt(name: str, found: Float[np.ndarray, " K"], *, plain: bool) -> bool:
     """
     steps = np.diff(np.unique(found))
     if not len(steps) or not np.equal(np.mod(found, 1), 0).all():
-        return False
+        return
     usual = float(np.median(steps))
     if usual < 100 or not usual % 60:
-        return False
+        return
     regular = np.mean(np.abs(steps - usual) <= 0.1 * usual) > 0.9
     if not plain or (regular and (usual >= 1000 or np.mod(found, usual).any())):
         raise RecordError(
             f"column {name!r} has steps of {usual:g} and no unit of time: write it into the heading, as in "
             f"'{name} [ms]' or '{name} [s]', or give units={{{name!r}: 'ms'}}"
         )
-    return True
 
 
 def check_filled(sheet: Sheet, column: int, empty: np.ndarray) -> None:

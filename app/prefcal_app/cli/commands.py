@@ -147,8 +147,8 @@ app.command(no_args_is_help=True, epilog=NEW_EPILOG)(new)
         ),
         more="""\
 The plant must be at rest at the start, then the input steps, once or several
-times, and nothing else changes. The column called time is the time; headings
-may have units, as in "level \\[m]".
+times, and nothing else changes. The column called time, or else a first one
+that increases, is the time; headings may have units, as in "level \\[m]".
 """,
     ),
 )
@@ -216,9 +216,9 @@ def check(typed: dict[str, Any]) -> None:
         ("look a.csv b.csv --out pair.png", "The picture in a file, without a page."),
         ("look a.csv b.csv --json", "The KPIs of both, for programs."),
         more="""\
-The first column, or one called time, is the time, in seconds or as time stamps.
-Headings may have units, as in "level \\\\[m]". A column "level ref" is the reference
-of level. All other columns of numbers are outputs.
+The column called time, or else a first one that increases, is the time, in
+seconds or as time stamps. Headings may have units, as in "level \\\\[m]".
+A column "level ref" is the reference of level. All other columns of numbers are outputs.
 """,
     ),
 )

@@ -32,7 +32,7 @@ def run(options: IdentifyOptions) -> int:
     limits = _limits(options.limits)
     found, made = identified(path, test, resolution=options.resolution, limits=limits)
     console = Console(emoji=False)
-    say(console, f"{test.output.name} by {test.input.name}, {len(test.t)} rows", made.reason)
+    say(console, f"{test.output.name} by {test.input.name}, {len(test.t)} rows; {test.said}", made.reason)
     console.print(_numbers(found))
     for line in (*_conditions(found, made), *made.notes):
         say(console, line)

@@ -402,7 +402,7 @@ class IdentifyOptions:
     record: Annotated[str, Argument(metavar="RECORD")]
     input: Annotated[str, Option(metavar="NAME", show_default="the one that steps")] = ""
     output: Annotated[str, Option(metavar="NAME", show_default="the other one")] = ""
-    time: Annotated[str | None, Option(metavar="NAME", show_default="the one called time")] = None
+    time: Annotated[str | None, Option(metavar="NAME", show_default="called time, or first")] = None
     time_format: Annotated[str | None, Option(metavar="FORMAT", show_default="ISO 8601")] = None
     unit: Annotated[tuple[str, ...], Option(metavar="NAME=UNIT")] = ()
     limits: Annotated[str, Option(metavar="LOW:HIGH", show_default="0:100 if in %")] = ""

@@ -26,7 +26,7 @@ from prefcal_env.experiments.panels import Plot, named
 from prefcal_env.tables.frame import ALLOWED, TableColumns
 from prefcal_env.tables.historian import NO_HEADING, tidy
 from prefcal_env.tables.sheet import Sheet, parts_of, sheet_of
-from prefcal_env.tables.times import Instants, gap_words, gaps, instants, usual_time_columns
+from prefcal_env.tables.times import Instants, gap_words, gaps, instants, time_column
 from prefcal_env.units import same
 from prefcal_scenarios.scenario import KPI
 from prefcal_scenarios.wording import picture_at, printable, put, with_unit
@@ -252,7 +252,7 @@ def _run_from(path: Path, about: TableColumns) -> NamedRun:
         mended.append(f"{gap_words(experiment.t, int(long[0]), found.unit, len(long))}: bridged")
     bridged = _bridged(sheet, places, outputs)
     converted = _converted(sheet, experiment, names, reference)
-    said = (_time_words(sheet, time, found), *words, *converted, *mended, *bridged, *left_out)
+    said = (found.words(sheet, time), *words, *converted, *mended, *bridged, *left_out)
     return run_of(path.name, experiment, "; ".join(said))
 
 
@@ -267,14 +267,6 @@ def _check_shown(about: TableColumns, outputs: Collection[str]) -> None:
             )
 
 
-def _time_words(sheet: Sheet, time: int, found: Instants) -> str:
-    """Return which column was taken for the time, and in which unit it was read."""
-    name = repr(sheet.name(time)) if sheet.name(time) else f"column {time + 1}"
-    if found.read and found.read != found.unit:
-        return f"time from {name}, read as {found.read}, in {found.unit}"
-    return f"time from {name} in {found.unit}{', as no unit is given' if found.read else ''}"
-
-
 def _timed_sheet(path: Path, about: TableColumns) -> tuple[Sheet, int, Instants, list[str]]:
     """Return the rows that have a time, the number of its column, times, and what reading will mend."""
     sheet = sheet_of(path, {*about.columns.values(), *about.outputs, *about.inputs})
@@ -283,7 +275,7 @@ def _timed_sheet(path: Path, about: TableColumns) -> tuple[Sheet, int, Instants,
     if sheet.uneven:
         raise RecordError(sheet.uneven)
     named = about.columns.get("time", about.time)
-    time = sheet.column(named, "") if named else (usual_time_columns(sheet) or [0])[0]
+    time = time_column(sheet, named or None, about.time_format, about.used(), one=False)
     column, said = sheet.frame[time], []
     there = np.asarray(column.notna() & (column.astype(str).str.strip() != ""))
     if not there.any():
@@ -294,14 +286,9 @@ def _timed_sheet(path: Path, about: TableColumns) -> tuple[Sheet, int, Instants,
     if not there.all():
         said.append(f"{(~there).sum()} of {len(there)} rows have no time and are left out")
         sheet = sheet.take(np.flatnonzero(there))
-    guessed = not named and not usual_time_columns(sheet)
     sheet, time = tidy(sheet, time, about.time_format, used=about.used(), repeated=True)
     found = instants(sheet, time, None, about.time_format, about.counted_in(sheet.name(time)))
     t, back = found.t, bool((np.diff(found.t) < 0).any())
-    if guessed and (back or sheet.name(time) == "T"):
-        raise RecordError(
-            f"no column is called time, and {sheet.name(time)!r} may be none: name the right one with --time"
-        )
     said += [*sheet.said, *found.said]
     if back:
         said.append("rows sorted by time")

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -41,6 +42,7 @@ class StepTest:
     input: Channel
     output: Channel
     time_unit: str
+    said: str = ""  # how the time was read, in words
 
 
 def step_test(path: Path, about: TableColumns | None = None, output: str = "", given: str = "") -> StepTest:
@@ -59,7 +61,7 @@ def step_test(path: Path, about: TableColumns | None = None, output: str = "", g
     columns = replace(about or TableColumns(), outputs=known, max_rows=None, kpis=None, end=End.TIME_UP)
     columns = replace(columns, allow=("gaps",))
     try:
-        made = columns.read(path, [0.0])
+        made, said = columns.told(path, [0.0])
         columns_read = {c.name: made.output(k) for k, c in enumerate(made.channels.y)}
         curves = {name: values for name, values in columns_read.items() if values is not None}
         u = _named(given, curves, "input") or _guessed(curves, output)
@@ -71,7 +73,7 @@ def step_test(path: Path, about: TableColumns | None = None, output: str = "", g
         raise RecordError(f"{path}: {error}") from error
     units = {c.name: c.unit for c in made.channels.y}
     ends = Channel(u, units[u]), Channel(y, units[y])
-    return StepTest(made.t, curves[u], curves[y], *ends, made.channels.time_unit)
+    return StepTest(made.t, curves[u], curves[y], *ends, made.channels.time_unit, said)
 
 
 def _named(name: str, curves: Mapping[str, Any], what: str) -> str:
@@ -284,6 +286,19 @@ def plant_of_record(source: str) -> LinearPlant:
     return found.plant()
 
 
+def _unasked(path: Path) -> StepTest:
+    """Read a step test of which nothing is said, or say where something can be said."""
+    try:
+        return step_test(path)
+    except RecordError as error:
+        if " --" not in str(error):
+            raise
+        command = shlex.join(["prefcal", "identify", str(path)])
+        raise RecordError(
+            f"{error}. Such options are those of `{command}`, which keeps the plant that it finds for --plant"
+        ) from error
+
+
 def identified(
     path: Path,
     test: StepTest | None = None,
@@ -292,7 +307,7 @@ def identified(
     limits: tuple[float, float] | None = None,
 ) -> tuple[Found, Identified]:
     """Return what a record tells: as it is kept in a file, and as it was found."""
-    test = step_test(path) if test is None else test
+    test = test or _unasked(path)
     try:
         made = identify(test.t, test.u, test.y, resolution=resolution)
     except RecordError as error:

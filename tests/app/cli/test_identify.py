@@ -14,7 +14,7 @@ def _record(tmp_path):
 
 def test_numbers_picture_and_plant_are_said_and_kept_and_the_next_command_works(done, tmp_path):
     said = done("identify", "step.csv")
-    assert said.startswith("temperature by valve, 200 rows\nA lag, ")
+    assert said.startswith("temperature by valve, 200 rows; time from 'time' in s\nA lag, ")
     (gain,) = [line.split() for line in said.splitlines() if line.strip().startswith("gain")]
     best, low, high, models = map(float, gain[2:])
     assert gain[1] == "[°C/%]"

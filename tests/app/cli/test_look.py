@@ -19,7 +19,7 @@ def _tables(tmp_path):
 def test_the_link_comes_on_a_line_of_its_own_and_ctrl_c_ends(tmp_path):
     process = start(tmp_path, "look", "a.csv", "b.csv", "--no-browser")
     lines = [process.stdout.readline().strip() for _ in range(3)]
-    assert lines[0] == "a.csv: time from 'time' in s; outputs level"
+    assert lines[0] == "a.csv: time from 'time' in s, as no unit is given; outputs level"
     assert lines[2].startswith("http://127.0.0.1:")
     process.send_signal(signal.SIGINT)
     process.communicate(timeout=30)

@@ -11,10 +11,12 @@ from prefcal_env.errors import RecordError, ScenarioError, SettingsError
 from prefcal_env.plants.explained import Model
 from prefcal_env.plants.systems import LinearPlant
 from prefcal_env.sources.varied import within
+from prefcal_env.tables import TableColumns
 from prefcal_scenarios import load
 from prefcal_scenarios.described import identified
 from prefcal_scenarios.described.identified import Found, ends, plant_of_record, step_test
 from prefcal_scenarios.described.making import plant_at
+from prefcal_scenarios.described.pid_scenario import pid_scenario
 from prefcal_scenarios.names import KEPT_PLANT
 from prefcal_scenarios.own import files_of, fingerprint
 from prefcal_scenarios.verification import verify
@@ -51,6 +53,9 @@ def test_a_study_stays_near_what_the_record_has_shown(record, plant):
     assert found.moved == pytest.approx(6.0)
     (loop,) = scenario.run.kpis.design.loops
     assert loop.target == pytest.approx(52 + 1.8 * 12, rel=0.02)
+    said = f"The runs are without the record's noise of {found.noise:.3g} °C: a gain or derivative that"
+    assert said in scenario.brief
+    assert "noise" not in pid_scenario(replace(found, noise=0.0).plant()).brief
     wide = replace(found, moved=15.0).plant()
     assert wide.outputs[0].target is None, "a usual step is no farther"
 
@@ -269,6 +274,19 @@ def test_what_is_not_obvious_is_asked_for(tmp_path, headings, columns, more, sai
     path.write_text(table(*headings, columns=columns))
     with pytest.raises(RecordError, match=rf"step\.csv: .*{said}"):
         step_test(path, **more)
+
+
+def test_a_time_in_another_language_is_read_and_where_it_is_not_found_identify_can_be_told(tmp_path):
+    path = tmp_path / "sprung.csv"
+    path.write_text(table("Zeit", "Ventil", "Temperatur").replace(",", ";").replace(".", ","))
+    test = step_test(path, TableColumns(units={"time": "min"}))
+    assert (test.input.name, test.time_unit, test.said) == ("Ventil", "min", "time from 'Zeit' in min")
+    assert np.array_equal(test.t, T)
+    assert step_test(path).said == "time from 'Zeit' in s, as no unit is given"
+    path.write_text(table("Ventil", "Temperatur", "Zeit", columns=(U, response(), T)))
+    with pytest.raises(RecordError, match=r"--time, .* are those of `prefcal identify .*sprung\.csv`, which"):
+        plant_of_record(str(path))
+    assert np.array_equal(step_test(path, TableColumns(time="Zeit")).t, T)
 
 
 def test_a_record_that_does_not_tell_is_refused_with_its_name(tmp_path):
