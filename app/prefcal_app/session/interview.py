@@ -207,9 +207,12 @@ class Known:
     @property
     def none_safe(self) -> bool:
         """Return whether experiments ended, and each of them unsafe or without a result."""
+        best, unsafe = self._best(), (End.UNSAFE, End.FAILED)
+        if best is not None and best.end not in unsafe:
+            return False
         with self._driver.changed:
             ends = [self._driver.store.end(index) for index in list_shown(self._driver.state)]
-        return bool(ends) and all(end in (End.UNSAFE, End.FAILED) for end in ends)
+        return bool(ends) and all(end in unsafe for end in ends)
 
     @property
     def why_over(self) -> str:
@@ -230,7 +233,7 @@ class Known:
     def unstable(self) -> bool:
         """Return whether the loop of the best experiment is not stable, as far as its margins say."""
         best = self._best()
-        return best is not None and any(k.unstable(best) for k in self._scenario().shown_kpis)
+        return best is not None and any(k.margin and k.unstable(best) for k in self._scenario().shown_kpis)
 
     @property
     def screens(self) -> bool:
