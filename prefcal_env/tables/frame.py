@@ -91,8 +91,8 @@ class TableColumns:
         columns: Maps our names to the table's headings where they differ, such as
             {"level": "TI-101.PV", "level ref": "TI-101.SP"}.
         time: Heading of the column with the time: numbers, durations or time stamps. None finds
-            it by its usual names, or takes a first column that increases, or the index of a DataFrame;
-            integers without a name are row numbers, unless they are as large as seconds since 1970.
+            it by its usual names, or takes the index of a DataFrame; integers without a name are row
+            numbers, unless they are as large as seconds since 1970.
         outputs: Names of the outputs. If empty, all other columns that hold numbers.
         inputs: Names of the inputs.
         signals: Names of additional signals.
@@ -208,7 +208,7 @@ class _Used:
             raise RecordError(sheet.uneven)
         if not len(sheet.frame):
             raise RecordError("a table needs a line of headings and rows of values, got headings only")
-        time = time_column(sheet, about.columns.get("time", about.time), about.time_format, about.used())
+        time = time_column(sheet, about.columns.get("time", about.time))
         sheet, time = tidy(
             sheet, time, about.time_format, used=about.used(), repeated="duplicates" in about.allow
         )

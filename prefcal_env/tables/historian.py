@@ -12,9 +12,13 @@ from prefcal_env.errors import RecordError
 from prefcal_env.wording import and_more, labeled
 
 from .sheet import Sheet, is_bad, with_gaps
-from .times import Clock, clock_of, other_times, row_numbers
+from .times import Clock, clock_of, other_times
 
 NO_HEADING = "no heading"
+_COUNTERS = re.compile(
+    r"|unnamed: [\d.]+|index|no\.?|nr\.?|#|row|record|sample|run|trial|experiment|id", re.IGNORECASE
+)
+"""What columns of row numbers are called: often nothing, which pandas reads as "Unnamed: 0"."""
 
 
 def tidy(
@@ -52,6 +56,19 @@ def tidy(
     beside = {time} if long is None else {time, long.tag, long.unit}
     sheet = _without_poor(sheet, poor, beside)
     return (sheet, time) if long is None else (long.wide(sheet, time_format, repeated=repeated), 0)
+
+
+def row_numbers(sheet: Sheet) -> Iterator[int]:
+    """Yield the columns that number the rows, as an index of pandas does."""
+    for i, heading in enumerate(sheet.headings):
+        values = sheet.frame[i]
+        if _COUNTERS.fullmatch(heading.strip()) and values.dtype.kind in "iuf":
+            numbers = values.to_numpy(dtype=float, na_value=np.nan)
+            steps = np.diff(numbers)
+            # A selection of rows keeps their numbers.
+            whole = np.isfinite(numbers).all() and (np.mod(numbers, 1) == 0).all()
+            if whole and ((steps == 1).all() or (i == 0 and (steps > 0).all())):
+                yield i
 
 
 # --- Make gaps of the values that a quality column calls bad.

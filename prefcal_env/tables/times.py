@@ -1,8 +1,6 @@
 """Find the time of a table and read it: numbers in any unit, time stamps, times of day."""
 
 import re
-from collections.abc import Collection, Iterator
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,7 +21,10 @@ _ALONE = (
     "ms msec millis micros nanos sec secs seconds minutes hours days milliseconds microseconds nanoseconds"
 )
 """Units that are a whole heading; "min" is a minimum, "s" and "h" may be anything."""
-_TIMES = "time timestamp datetime elapsed uptime epoch tow"
+_TIMES = (
+    "time timestamp datetime elapsed uptime epoch tow zeit zeitstempel zeitpunkt uhrzeit temps horodatage "
+    "tiempo hora tijd tid czas время 时间 時間 시간"
+)
 _BESIDE = (
     "absolute abs date dd elapsed epoch gmt gps hh host in last local log logged mm of posix real record "
     "recorded rel relative server sim simulation source ss stamp system the unix utc week yyyy"
@@ -35,68 +36,20 @@ _CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])")
 _INDEX = 6  # rank of a column called index
 
 
-_COUNTERS = re.compile(
-    r"|unnamed: [\d.]+|index|no\.?|nr\.?|#|row|record|sample|run|trial|experiment|id", re.IGNORECASE
-)
-"""What columns of row numbers are called: often nothing, which pandas reads as "Unnamed: 0"."""
-_MOVING = 0.1  # share of the rows in which a time without a usual name increases, at least
-
-
-def time_column(
-    sheet: Sheet,
-    given: str | None,
-    time_format: str | None = None,
-    used: Collection[str] = (),
-    *,
-    one: bool = True,
-) -> int:
-    """Return which column is the time: `given`, one with a usual name, or a first one that increases.
-
-    Args:
-        given: Heading of the time; None to find it.
-        time_format: Format of time stamps as for `datetime.strptime`; None for ISO 8601.
-        used: Names of columns that somebody asks for as something else.
-        one: Whether to refuse several columns with usual names, and row numbers; else the first one is taken.
+def time_column(sheet: Sheet, given: str | None) -> int:
+    """Return the number of the column `given`, or else of the one with a usual name of the time.
 
     Raises:
         RecordError: If there is none, or there are several.
     """
     if given is not None:
         return sheet.column(given, "")
-    found = usual_time_columns(sheet) or ([0] if _increases(sheet, time_format, used, one) else [])
-    if len(found) == 1 or (found and not one):
+    found = usual_time_columns(sheet)
+    if len(found) == 1:
         return found[0]
     there = ", ".join(repr(parts_of(h)[0]) for h in sheet.headings[:12])
-    none = "no column is called time, and the first one may be none"
-    what = "several columns may be the time" if found else none
+    what = "several columns may be the time" if found else "no column is called time"
     raise RecordError(f"{what}: name the right one with --time, in Python time=...; there are {there}")
-
-
-def _increases(sheet: Sheet, time_format: str | None, used: Collection[str], strict: bool) -> bool:
-    """Return whether the first column is the time by its values: no temperature, if strict no row numbers."""
-    name = sheet.name(0)
-    if name in {"T", *used} or (strict and (not name or 0 in row_numbers(sheet))):
-        return False
-    column = sheet.frame[0]
-    there = np.asarray(column.notna() & (column.astype(str).str.strip() != ""))
-    sheet, steps = sheet.take(np.flatnonzero(there)), np.zeros(0)
-    with suppress(RecordError):
-        clock = clock_of(sheet, 0, time_format) if there.any() else None
-        steps = np.diff(sheet.numbers(0) if clock is None else clock.s)
-    return bool(len(steps) and (steps >= 0).all() and (steps > 0).mean() >= _MOVING)
-
-
-def row_numbers(sheet: Sheet) -> Iterator[int]:
-    """Yield the columns that number the rows, as an index of pandas does."""
-    for i, heading in enumerate(sheet.headings):
-        values = sheet.frame[i]
-        if _COUNTERS.fullmatch(heading.strip()) and values.dtype.kind in "iuf":
-            numbers = values.to_numpy(dtype=float, na_value=np.nan)
-            steps = np.diff(numbers)
-            # A selection of rows keeps their numbers.
-            whole = np.isfinite(numbers).all() and (np.mod(numbers, 1) == 0).all()
-            if whole and ((steps == 1).all() or (i == 0 and (steps > 0).all())):
-                yield i
 
 
 def usual_time_columns(sheet: Sheet) -> list[int]:
@@ -130,7 +83,7 @@ def _rank(sheet: Sheet, column: int) -> int | None:
     is_time = bool(times & {*words}) and {*words} <= times | beside
     if is_time or " ".join(words) in _PHRASES or name == "ts":
         return 2
-    if words == ["date"] or (not words and spelled is not None):
+    if words in (["date"], ["datum"], ["fecha"]) or (not words and spelled is not None):
         return 3
     if sheet.frame[column].dtype.kind in "mM" or (not name and _holds_stamps(sheet, column)):
         return 5

@@ -15,8 +15,8 @@ from prefcal_env.experiments.kpis import as_read
 from prefcal_env.knobs import Constraint, Knob, KnobSpace
 from prefcal_env.optional import world
 from prefcal_env.sources.source import Source
+from prefcal_env.tables.historian import row_numbers
 from prefcal_env.tables.sheet import Sheet, parts_of, sheet_of
-from prefcal_env.tables.times import row_numbers
 
 from .scenario import KPI, Scenario
 

@@ -26,7 +26,7 @@ from prefcal_env.experiments.panels import Plot, named
 from prefcal_env.tables.frame import ALLOWED, TableColumns
 from prefcal_env.tables.historian import NO_HEADING, tidy
 from prefcal_env.tables.sheet import Sheet, parts_of, sheet_of
-from prefcal_env.tables.times import Instants, gap_words, gaps, instants, time_column
+from prefcal_env.tables.times import Instants, gap_words, gaps, instants, usual_time_columns
 from prefcal_env.units import same
 from prefcal_scenarios.scenario import KPI
 from prefcal_scenarios.wording import picture_at, printable, put, with_unit
@@ -275,7 +275,7 @@ def _timed_sheet(path: Path, about: TableColumns) -> tuple[Sheet, int, Instants,
     if sheet.uneven:
         raise RecordError(sheet.uneven)
     named = about.columns.get("time", about.time)
-    time = time_column(sheet, named or None, about.time_format, about.used(), one=False)
+    time = sheet.column(named, "") if named else (usual_time_columns(sheet) or [0])[0]
     column, said = sheet.frame[time], []
     there = np.asarray(column.notna() & (column.astype(str).str.strip() != ""))
     if not there.any():
@@ -286,9 +286,14 @@ def _timed_sheet(path: Path, about: TableColumns) -> tuple[Sheet, int, Instants,
     if not there.all():
         said.append(f"{(~there).sum()} of {len(there)} rows have no time and are left out")
         sheet = sheet.take(np.flatnonzero(there))
+    guessed = not named and not usual_time_columns(sheet)
     sheet, time = tidy(sheet, time, about.time_format, used=about.used(), repeated=True)
     found = instants(sheet, time, None, about.time_format, about.counted_in(sheet.name(time)))
     t, back = found.t, bool((np.diff(found.t) < 0).any())
+    if guessed and (back or sheet.name(time) == "T"):
+        raise RecordError(
+            f"no column is called time, and {sheet.name(time)!r} may be none: name the right one with --time"
+        )
     said += [*sheet.said, *found.said]
     if back:
         said.append("rows sorted by time")

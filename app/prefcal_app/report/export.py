@@ -21,7 +21,7 @@ from prefcal_env.controllers import as_data
 from prefcal_env.controllers.forms import ANTI_WINDUP, EQUATIONS, FILTERED, PIDParameter, pid_forms
 from prefcal_env.controllers.written import as_code
 from prefcal_env.disk import digest_of
-from prefcal_env.errors import ScenarioError, SettingsError
+from prefcal_env.errors import ScenarioError, SettingsError, StaleError
 from prefcal_env.experiments.experiment import Channel, Channels, Controller, End
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.plain import from_plain
@@ -144,11 +144,14 @@ def load_controller(path: str | Path, *, check: bool = True) -> Controller:
 
     Raises:
         ScenarioError: If the file does not exist or is not a best.json, the scenario is unknown
-            or has no controller, θ does not fit it, or the settings differ from the file's.
-        StaleError: If θ or the settings in the file were changed by hand.
+            or has no controller, θ does not fit it, the settings differ from the file's, or θ or the
+            settings in the file were changed by hand, which is an error without `check`, too.
     """
     content, _ = _read(Path(path))
-    refuse_changed(Path(path), content)
+    try:
+        refuse_changed(Path(path), content)
+    except StaleError as error:
+        raise ScenarioError(str(error)) from error
     if (described := _described(content, path)) is not None:
         return described
     scenario = _loaded(content, path)

@@ -164,11 +164,15 @@ def identity_of(file: StudyFile) -> str:
 def written_as(content: Mapping[str, Any]) -> str:
     """Return a fingerprint of θ and settings in a best.json, in 16 hexadecimal digits.
 
-    Other programs write 2.0 as 2, or keys in another order: that changes nothing of it.
+    Other programs write 2.0 as 2, −0.0 as 0, or keys in another order: that changes nothing of it.
     """
     said = json.dumps([content["theta"], content["settings"]])
-    same = json.loads(said, parse_int=float)
+    same = json.loads(said, parse_int=_unsigned, parse_float=_unsigned)
     return sha256(json.dumps(same, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _unsigned(text: str) -> float:
+    return float(text) + 0.0  # no −0
 
 
 def refuse_changed(best: Path, content: Mapping[str, Any]) -> None:

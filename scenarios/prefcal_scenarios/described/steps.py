@@ -333,7 +333,7 @@ class RunsAway:
         at = self._point = design.point
         self._limits = _within(plant.states, at.x)
         outputs = _within(plant.outputs, plant.g(at.x, at.u, at.d))
-        self._outputs = [row for row in outputs if _is_seen(plant, row[0])]
+        self._outputs = [row for row in outputs if _is_seen(plant, at, row[0])]
         for loop in design.loops:
             reach = _AWAY * abs(loop.step)
             self._outputs.append((loop.output, loop.start - reach, loop.start + reach))
@@ -367,10 +367,15 @@ class RunsAway:
         return not all(low <= y[k] <= high for k, low, high in self._outputs)
 
 
-def _is_seen(plant: Any, k: int) -> bool:
+def _is_seen(plant: Any, point: Any, k: int) -> bool:
     """Return whether output `k` is what the states say, at the same instant."""
-    direct = isinstance(plant, LinearPlant) and bool(plant.system.D[k].any())
-    return not (direct or np.any(delays_of(plant)[1]) or np.any(getattr(plant, "entry_delay", ())))
+    if isinstance(plant, LinearPlant):
+        direct = bool(plant.system.D[k].any())
+    else:
+        moved = point.u * (1 + 1e-6) + 1e-9
+        direct = plant.g(point.x, moved, point.d)[k] != plant.g(point.x, point.u, point.d)[k]
+    late = delays_of(plant)[1][k], *(getattr(plant, "entry_delay", ()) or [()] * (k + 1))[k]
+    return not (direct or any(late))
 
 
 def _within(channels: Sequence[Channel], starts: Float[np.ndarray, " n"]) -> list[tuple[int, float, float]]:

@@ -484,7 +484,7 @@ class Verification:
             if here > there:
                 low, high = self.tuning.quantiles(kpi.name)
                 span = max(abs(high - low), 1e-9 * abs(there), 1e-300)
-                doubled = here > 2 * there if there > 0 else there < min(2 * here, 0)  # or halved
+                doubled = here > 2 * there if there >= 0 else there < min(2 * here, 0)  # or halved
                 yield (here - there) / span if np.isfinite(span) else 0.0, doubled, kpi.title
 
 
@@ -744,15 +744,19 @@ _ENOUGH = 10  # tunings that hold nominally, of which none that holds on other p
 
 def _next(found: Verification, scenario: Scenario, baseline: str, robust: bool) -> tuple[str, ...]:
     """Return what to do next if some run fails, or the loop is not stable, a text each."""
-    if not found.failed:
-        look = "look for a stable loop: state a limit on M_s, such as at most 2, and repeat the study"
-        return (look,) if found.tuning.margins == UNSTABLE else ()
-    alone = f"if nothing but {found.stated} counts, verify that alone, with --range task=0"
     count = len(found.runs)
     other = replace(found, tuning=found.before) if found.before and found.before.holds(count) else None
     sound = baseline and other and not other.misses_margin and other.tuning.margins != UNSTABLE
+    before = f"take the tuning before ({baseline}): it holds in all {count} of the same runs" if sound else ""
+    if found.tuning.margins == UNSTABLE:
+        limited = any(kpi.name == "M_s" and kpi.met(0.0) is not None for kpi in found.kpis)
+        first = "begin elsewhere (--start)" if limited else "state a limit on M_s, such as at most 2,"
+        return (*filter(None, [before]), f"look for a stable loop: {first} and repeat the study")
+    if not found.failed:
+        return ()
+    alone = f"if nothing but {found.stated} counts, verify that alone, with --range task=0"
     every = (
-        f"take the tuning before ({baseline}): it holds in all {count} of the same runs" if sound else "",
+        before,
         found.limiting,
         alone if found.holds_as_stated else "",
         _another(found, scenario, robust) if scenario.simulated else "",
@@ -768,6 +772,7 @@ def _another(found: Verification, scenario: Scenario, robust: bool) -> str:
     due = f"{change}: " if change else ""
     drawn = "" if tried is None else f"{tried.nominal or 'none'} of {tried.count} tunings drawn at random"
     known = tried is not None and tried.nominal >= _ENOUGH  # of fewer, chance would say it
+    lost = [each.factor for each in found.effects if np.isinf(each.worsening)]
     stuck = [e for e in found.breaking if known and tried and not tried.alone.get(e.factor.name)]
     if tried and tried.known and found.tuning.nominal.problems:
         start = typed_theta(scenario.space, scenario.references[tried.known[0]].tolist())
@@ -787,20 +792,25 @@ def _another(found: Verification, scenario: Scenario, robust: bool) -> str:
         first = f"{due}{names} {alone} this tuning fail, and each of the {drawn} that hold nominally"
     elif found.holds_as_stated and not robust:  # on other plants, too: robust studies vary nothing else
         first = ""
-    elif robust or (found.breaking and not any(each.factor.robust for each in found.breaking)):
+    elif robust:
         tighter = "start one with tighter limits, or " if breakable(found.kpis) else ""
-        breaking = " and ".join(each.factor.name for each in found.breaking)
-        study = "the study was robust, which" if robust else f"{breaking} can break it, and a robust study"
-        only = f"{study} varies the plant and the noise only: {tighter}{change}"
+        only = f"the study was robust, which varies the plant and the noise only: {tighter}{change}"
         first = only if change else ""
+    elif lost and not any(factor.robust for factor in lost):
+        names = " and ".join(factor.name for factor in lost[:EFFECTS])
+        first = f"{due}{names} alone can break it, which no robust study varies"
     else:
-        hold = f" ({drawn} hold nominally)" if drawn else ""
-        start = shlex.join(["--robust", "--start", typed_theta(scenario.space, found.tuning.theta.tolist())])
-        first = (
-            f"look for one that holds on other plants{hold}: repeat the command of the study with {start}; "
-            "with --taste and the name of a saved study, your answers count there"
-        )
+        first = _elsewhere(found, scenario, f" ({drawn} hold nominally)" if drawn else "")
     return first
+
+
+def _elsewhere(found: Verification, scenario: Scenario, hold: str) -> str:
+    """Return how to look for a tuning that holds on other plants."""
+    start = shlex.join(["--robust", "--start", typed_theta(scenario.space, found.tuning.theta.tolist())])
+    return (
+        f"look for one that holds on other plants{hold}: repeat the command of the study with {start}; "
+        "with --taste and the name of a saved study, your answers count there"
+    )
 
 
 def _kpi_row(kpi: KPI, tunings: list[Robustness]) -> tuple[str, ...]:

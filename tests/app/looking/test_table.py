@@ -89,9 +89,7 @@ def test_the_unit_of_the_time_is_said(tmp_path):
 
 def test_a_first_column_that_is_no_time_is_refused(tmp_path):
     for text in ("T,power\n20,1\n21,2\n22,1\n", "temperature,power\n20,1\n22,2\n21,1\n"):
-        with pytest.raises(
-            RecordError, match="no column is called time, and the first one may be none: name the"
-        ):
+        with pytest.raises(RecordError, match=r"no column is called time, and .* may be none: name the"):
             read(tmp_path, text)
     assert read(tmp_path, "T,power\n20,1\n21,2\n22,1\n", time="T").experiment.duration == 2
 

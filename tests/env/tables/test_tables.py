@@ -110,10 +110,7 @@ def test_a_reference_comes_from_a_column_or_a_number():
         ("0,1\n1,2\n", "the first line must hold headings, got the numbers 0, 1"),
         (GOOD.replace("level", "levle"), "no column is called 'level'; .* mean 'levle'"),
         (GOOD.replace("note", "level [m]"), "column 'level' appears 2 times"),
-        (
-            GOOD.replace("time [s]", "T"),
-            "called time, and the first one may be none: name the .*'T', 'level'",
-        ),
+        (GOOD.replace("time [s]", "x"), "no column is called time: name the right one with --time"),
         (GOOD.replace("1,2.5", "1,x"), "line 3, column 'level': expected a number, got 'x'"),
         (GOOD.replace("1,2.5", "1,2.5 m"), "put the unit into the heading"),
         (GOOD.replace("1,2.5", "1,1.234.567"), "remove the separators of thousands"),

@@ -608,6 +608,25 @@ def test_an_output_that_is_seen_later_or_moves_with_the_input_ends_no_run_by_its
     assert np.array_equal(made.output(0), free.run(made.theta).output(0))
 
 
+def test_limits_of_an_output_count_if_another_one_is_seen_later_but_not_if_the_input_acts_on_it_at_once():
+    both = Plant.of(
+        [[([1.0], [5.0, 1.0]), 0.0], [0.0, ([1.0], [5.0, 1.0])]],
+        output_delay=[0.0, 5.0],
+        outputs=[Channel("first", high=1.01), Channel("second", high=1.01)],
+    )
+    unsafe = pid_scenario(both).source.varied().loop.task.unsafe
+    assert [index for index, _, high in unsafe._outputs if high == 1.01] == [0]
+    plant = FunctionPlant(
+        lambda x, u, d: [(u[0] - x[0]) / 10],
+        lambda x, u, d: [1.5 * x[0] - 0.5 * u[0]],
+        states=[Channel("x")],
+        inputs=[Channel("u", low=-20, high=20)],
+        outputs=[Channel("y", high=6.5)],
+    )
+    scenario = pid_scenario(plant, reference={"y": 5.0})
+    assert scenario.run(scenario.references["robust"]).end is End.TIME_UP
+
+
 def test_limits_of_an_output_follow_the_varied_plant():
     """A plant of a sample has the same outputs by other states: its state is τ K times the input."""
     systems = [system_of(([1.6], [tau, 1.0])) for tau in (40.0, 80.0)]

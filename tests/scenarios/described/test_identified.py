@@ -283,10 +283,10 @@ def test_a_time_in_another_language_is_read_and_where_it_is_not_found_identify_c
     assert (test.input.name, test.time_unit, test.said) == ("Ventil", "min", "time from 'Zeit' in min")
     assert np.array_equal(test.t, T)
     assert step_test(path).said == "time from 'Zeit' in s, as no unit is given"
-    path.write_text(table("Ventil", "Temperatur", "Zeit", columns=(U, response(), T)))
+    path.write_text(table("Ventil", "Temperatur", "Takt", columns=(U, response(), T)))
     with pytest.raises(RecordError, match=r"--time, .* are those of `prefcal identify .*sprung\.csv`, which"):
         plant_of_record(str(path))
-    assert np.array_equal(step_test(path, TableColumns(time="Zeit")).t, T)
+    assert np.array_equal(step_test(path, TableColumns(time="Takt")).t, T)
 
 
 def test_a_record_that_does_not_tell_is_refused_with_its_name(tmp_path):
