@@ -45,3 +45,8 @@ def toy_record(name: str = "toy", *, n_max: int = 8, stop_after: int = 99, learn
         command="prefcal calibrate toy --seed 1",
         surrogate=agent.surrogate if learn and len(comparisons) > 1 else None,
     )
+
+
+PID_SETTINGS = {"controller": "PID", "K_p": 2.0, "T_i": 10.0, "T_d": 3.0}
+PID_SETTINGS |= {"N": 10.0, "b": 1.0, "c": 0.0, "T_s": 0.5}
+"""Settings of a PID, as a scenario says them of a θ."""

@@ -33,7 +33,8 @@ def linear_run(env: Any, controller: Any, seed: int) -> tuple[Record, Bool[np.nd
     worn = controller if type(controller) is Worn else None
     pids: Any = controller if worn is None else worn.controller
     # A subclass may do anything in another way.
-    known = all("packed" in vars(type(each)) for each in (pids, *getattr(pids, "pids", ())))
+    parts = pids, *getattr(pids, "pids", ())
+    known = all(vars(type(each)).keys() >= {"packed", "remember"} for each in parts)
     if not known or type(env) is not PlantEnv or not _is_known(env, pids.T_s):
         return None
     plant, task, T_s, packed = env.plant, env.task, env.sampling_time(pids.T_s), pids.packed

@@ -427,7 +427,7 @@ class Connection(H11Protocol):
             next(iter(of_peer)).make_way()
 
     def make_way(self) -> None:
-        """Close the connection, and say to whoever still listens that there are too many."""
+        """Close the connection with a last word to the other side: there are too many."""
         self._rest()
         self.transport.write(_BUSY)
         self.transport.close()

@@ -18,7 +18,7 @@ from prefcal_scenarios.described.pid_scenario import pid_scenario
 from prefcal_scenarios.wording import exact_number
 from support.browser import CHROMIUM, FLAGS
 from support.verified import FOUND
-from toy_study import toy_record
+from toy_study import PID_SETTINGS, toy_record
 
 
 def pages_of(text, folder):
@@ -162,18 +162,8 @@ def test_the_sheet_prints_on_two_pages_at_most(tmp_path, change):
 
 
 def test_symbols_in_the_forms_of_a_pid_are_set_as_all_others():
-    pid = {
-        "controller": "PID",
-        "K_p": 2.0,
-        "T_i": 10.0,
-        "T_d": 3.0,
-        "N": 10.0,
-        "b": 1.0,
-        "c": 0.0,
-        "T_s": 0.5,
-    }
     record = toy_record()
-    text = sheet(replace(record, scenario=replace(record.scenario, settings=lambda theta: pid)))
+    text = sheet(replace(record, scenario=replace(record.scenario, settings=lambda theta: PID_SETTINGS)))
     assert "<td>K<sub>p</sub>/T<sub>i</sub></td>" in text
     assert "<td>√(T<sub>i</sub> T<sub>d</sub>)</td>" in text
     assert "∫(u − v)/T<sub>t</sub> dt" in text

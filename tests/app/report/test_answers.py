@@ -28,7 +28,7 @@ from prefcal_scenarios.catalog import load
 from prefcal_scenarios.scenario import KPI
 from prefcal_scenarios.verification.result import BEST
 from support.verified import FOUND
-from toy_study import toy_record
+from toy_study import PID_SETTINGS, toy_record
 
 
 def test_who_answered_what_and_why_the_result_is_the_result():
@@ -239,18 +239,8 @@ def test_the_experiment_that_was_judged_is_said_in_whole_sentences_of_the_brief(
 
 
 def test_a_pid_is_given_as_control_systems_ask_for_it():
-    pid = {
-        "controller": "PID",
-        "K_p": 2.0,
-        "T_i": 10.0,
-        "T_d": 3.0,
-        "N": 10.0,
-        "b": 1.0,
-        "c": 0.0,
-        "T_s": 0.5,
-    }
     record = toy_record()
-    scenario = replace(record.scenario, settings=lambda theta: pid)
+    scenario = replace(record.scenario, settings=lambda theta: PID_SETTINGS)
     said = dict(answers(replace(record, scenario=scenario)))["The PID"]
     assert said.startswith("ISA form: K_p (b r − y + 1/T_i ∫(r − y) dt")
     assert "Against windup the integral also gets ∫(u − v)/T_t dt" in said

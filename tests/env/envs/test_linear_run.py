@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from prefcal_env import Channel, End, FunctionPlant, Plant, rollout
+from prefcal_env import Channel, End, FunctionPlant, Move, Plant, rollout
 from prefcal_env.compiling import of_linear_runs
 from prefcal_env.controllers.pid import PID, Decentralized
 from prefcal_env.envs.closed_loop import ClosedLoop
@@ -162,7 +162,17 @@ class Own(PID):
     """A controller that may do anything in another way."""
 
 
+class Packed:
+    """Somebody's own controller, with an attribute of the same name."""
+
+    packed, T_s = "a parcel", 0.1
+
+    def move(self, measurement):
+        return Move(measurement.u)
+
+
 UNKNOWN = {
+    "an own controller with a familiar attribute": (lag_env(), lambda theta: Packed()),
     "another plant": (
         lag_env(FunctionPlant(lambda x, u, d: -x, states=[Channel("x")], inputs=[Channel("u")])),
         pid_of,
