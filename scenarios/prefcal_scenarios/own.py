@@ -25,7 +25,7 @@ from prefcal_env.errors import PrefcalError, ScenarioError
 from prefcal_env.optional import ENDINGS
 from prefcal_env.wording import last_own, ours, own_line
 
-from .names import KEPT_PLANT, TABLES
+from .names import KEPT_PLANT, TABLES, is_own
 
 # --- Names of scenarios: a plain name, or a name followed by its configuration in JSON.
 
@@ -74,6 +74,12 @@ def files_of(source: str) -> list[Path]:
     name, config = split_source(source)
     named = [file_in(text)[0] for text in (name, *(config or {}).values()) if isinstance(text, str)]
     return list(dict.fromkeys(file for path in named if path is not None for file in _described_by(path)))
+
+
+def runs_code(source: str) -> bool:
+    """Return whether a user's own scenario runs a user's code, which may never end: a file is no plain data."""
+    plain = (".toml", KEPT_PLANT, *TABLES)
+    return is_own(source) and not all(file.name.lower().endswith(plain) for file in files_of(source))
 
 
 def file_in(text: str) -> tuple[Path | None, str]:

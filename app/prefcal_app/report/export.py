@@ -31,8 +31,8 @@ from prefcal_env.sources.source import plant_of
 from prefcal_env.units import named, same
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.described.making import controller_of
-from prefcal_scenarios.names import CASES, is_built_in, is_own
-from prefcal_scenarios.own import file_in, files_of, fingerprint, joined_source, split_source
+from prefcal_scenarios.names import CASES, is_built_in
+from prefcal_scenarios.own import file_in, files_of, fingerprint, joined_source, runs_code, split_source
 from prefcal_scenarios.scenario import Scenario, with_ranges
 from prefcal_scenarios.wording import MISSING, number, with_unit
 
@@ -54,7 +54,7 @@ class BestTuning:
     kpis: Mapping[str, float]  # its KPIs in the study; those that are not finite are left out
     end: End  # how its experiment in the study ended
     seed: int  # seed of its experiment, and so of the noise in it
-    own: bool  # whether the scenario is a person's own, whose code can do anything
+    own: bool  # whether it runs a person's own code, which can do anything
     digest: str  # SHA-256 of the file that it was read from, in hexadecimal digits
     robust: bool  # whether the study looked for a result that holds on other plants
     source: str  # name that loads the scenario again
@@ -307,7 +307,7 @@ def tuning_of(path: str | Path) -> BestTuning:
     start = before.get("theta")
     known = None if start is None else _values(scenario, start, path)
     kpis = {name: value for name, value in content.get("kpis", {}).items() if is_number(value)}
-    own, end = is_own(content["scenario"]), _end(content, path)
+    own, end = runs_code(content["scenario"]), _end(content, path)
     robust = content.get("study", {}).get("robust") == "yes"
     return BestTuning(
         scenario,

@@ -18,7 +18,7 @@ from prefcal_scenarios.described.identified import Found, ends, plant_of_record,
 from prefcal_scenarios.described.making import plant_at
 from prefcal_scenarios.described.pid_scenario import pid_scenario
 from prefcal_scenarios.names import KEPT_PLANT
-from prefcal_scenarios.own import files_of, fingerprint
+from prefcal_scenarios.own import files_of, fingerprint, runs_code
 from prefcal_scenarios.verification import verify
 from support.step_tests import NOISE, ROWS, T, U, response, table
 
@@ -157,6 +157,12 @@ def test_a_file_that_names_a_record_follows_it_and_its_plant(record, plant, tmp_
     study = tmp_path / "study.toml"
     study.write_text('controller = "pid"\nplant = "step.csv"\n')
     assert {path.name for path in files_of(str(study))} == {"study.toml", "step.csv", f"step{KEPT_PLANT}"}
+    assert not runs_code(str(study))
+    (tmp_path / "own.py").write_text("plant = None\n")
+    study.write_text('controller = "pid"\nplant = "own.py:plant"\n')
+    assert runs_code(str(study))
+    assert not runs_code('pid {"plant": "1 / (s + 1)"}')
+    assert not runs_code("cstr")
 
 
 def test_a_study_has_the_same_files_before_and_after_its_plant_is_loaded_again(record, plant, tmp_path):
