@@ -25,7 +25,7 @@ from prefcal_env.errors import PrefcalError, ScenarioError
 from prefcal_env.optional import ENDINGS
 from prefcal_env.wording import last_own, ours, own_line
 
-from .names import KEPT_PLANT, TABLES, is_own
+from .names import KEPT_PLANT, TABLES, is_described, is_own
 
 # --- Names of scenarios: a plain name, or a name followed by its configuration in JSON.
 
@@ -77,9 +77,10 @@ def files_of(source: str) -> list[Path]:
 
 
 def runs_code(source: str) -> bool:
-    """Return whether a user's own scenario runs a user's code, which may never end: a file is no plain data."""
-    plain = (".toml", KEPT_PLANT, *TABLES)
-    return is_own(source) and not all(file.name.lower().endswith(plain) for file in files_of(source))
+    """Return whether a user's own scenario may run a user's code, which may never end: all but plain data."""
+    files, plain = files_of(source), (".toml", KEPT_PLANT, *TABLES)
+    known = is_described(source) and files  # other files, and those that are not found, may be code
+    return is_own(source) and not (known and all(each.name.lower().endswith(plain) for each in files))
 
 
 def file_in(text: str) -> tuple[Path | None, str]:

@@ -374,6 +374,7 @@ def verify_best(
     folder_for(best.parent)
     if tuning.own and timeout is None:
         timeout = DEFAULT_LIMIT
+    stays = tuning.before is None or np.array_equal(tuning.before, tuning.theta)  # no run twice
     if tuning.scenario.source.asks:
         found = unvaried(tuning.scenario, tuning.theta, tuning)
     else:
@@ -381,7 +382,7 @@ def verify_best(
             tuning.scenario,
             tuning.theta,
             runs,
-            start=tuning.before,
+            start=None if stays else tuning.before,
             noise=tuning.seed,
             ranges=ranges,
             jobs=jobs,

@@ -56,6 +56,16 @@ def test_the_nominal_run_reads_as_in_the_study(best):
     assert [row[2] for row in verify_best(best, 2, jobs=1).kpis] == ours
 
 
+def test_a_tuning_that_stays_is_not_run_beside_itself(best):
+    content = json.loads(best.read_text())
+    columns = []
+    for before in ({**LAG, "K": 1.0}, LAG):
+        best.write_text(json.dumps(content | {"before": {"what": "current tuning", "theta": before}}))
+        said = verify_best(best, 2, jobs=1)
+        columns.append((said.margin_columns, "Before" in said.statement))
+    assert columns == [(("margin", "result", "current tuning"), True), (("margin", "result"), False)]
+
+
 def test_an_open_loop_of_another_tuning_is_removed(best):
     verify_best(best, 2, jobs=1)
     write_report(toy_record(), best.parent)

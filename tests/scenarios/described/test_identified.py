@@ -161,7 +161,8 @@ def test_a_file_that_names_a_record_follows_it_and_its_plant(record, plant, tmp_
     (tmp_path / "own.py").write_text("plant = None\n")
     study.write_text('controller = "pid"\nplant = "own.py:plant"\n')
     assert runs_code(str(study))
-    assert not runs_code('pid {"plant": "1 / (s + 1)"}')
+    assert runs_code('pid {"plant": "step.csv"}')  # not found from here
+    assert runs_code("own.py:scenario")
     assert not runs_code("cstr")
 
 
