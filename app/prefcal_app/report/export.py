@@ -307,7 +307,7 @@ def tuning_of(path: str | Path) -> BestTuning:
     start = before.get("theta")
     known = None if start is None else _values(scenario, start, path)
     kpis = {name: value for name, value in content.get("kpis", {}).items() if is_number(value)}
-    own, end = runs_code(content["scenario"]), _end(content, path)
+    source, end = _source(content, path), _end(content, path)
     robust = content.get("study", {}).get("robust") == "yes"
     return BestTuning(
         scenario,
@@ -317,18 +317,18 @@ def tuning_of(path: str | Path) -> BestTuning:
         kpis,
         end,
         _read_seed(content),
-        own,
+        runs_code(source),
         digest,
         robust,
-        content["scenario"],
-        _is_changed(content),
+        source,
+        _is_changed(content, source),
     )
 
 
-def _is_changed(content: Mapping[str, Any]) -> bool:
-    """Return whether the files of a scenario are others than in the study of a best.json."""
+def _is_changed(content: Mapping[str, Any], source: str) -> bool:
+    """Return whether the files of a scenario, where they are now, are others than in its study."""
     known = (content.get("origin") or {}).get("fingerprint of the scenario", "")
-    return bool(known) and known.split(";")[0] != fingerprint(content["scenario"])
+    return bool(known) and known.split(";")[0] != fingerprint(source)
 
 
 def _read_seed(content: Mapping[str, Any]) -> int:
@@ -354,9 +354,7 @@ def _widened(space: KnobSpace, ranges: Mapping[str, Any]) -> KnobSpace:
 
 def _loaded(content: Mapping[str, Any], path: str | Path) -> Scenario:
     """Return the scenario of a best.json with the ranges of its study."""
-    above, study = Path(path).resolve().parent, content.get("origin", {}).get("study")
-    places = [above, *above.parents, *([Path(str(study)).parent] if study else [])]
-    scenario = load(_moved(content["scenario"], places))
+    scenario = load(_source(content, path))
     for knob in scenario.space:
         unit = str(content.get("units", {}).get(knob.name, knob.unit))
         if not same(unit, knob.unit):
@@ -368,6 +366,13 @@ def _loaded(content: Mapping[str, Any], path: str | Path) -> Scenario:
         return with_ranges(scenario, _widened(scenario.space, content.get("ranges", {})))
     except (TypeError, ValueError, OverflowError) as error:
         raise ScenarioError(f"theta in {str(path)!r} does not fit: {error}") from error
+
+
+def _source(content: Mapping[str, Any], path: str | Path) -> str:
+    """Return what loads the scenario of a best.json from the working directory."""
+    above, study = Path(path).resolve().parent, (content.get("origin") or {}).get("study")
+    places = [above, *above.parents, *([Path(str(study)).parent] if study else [])]
+    return _moved(content["scenario"], places)
 
 
 def _values(scenario: Scenario, theta: Any, path: str | Path) -> Float[np.ndarray, " n"]:

@@ -64,7 +64,7 @@ def test_a_table_beside_the_tuning_before_with_statement_margins_and_worst_runs(
     assert all((tmp_path / f"worst_run_{k}.png").stat().st_size > 10_000 for k in (1, 2, 3))
 
 
-def test_a_plant_that_changed_since_the_study_is_named_first(prefcal, tmp_path):
+def test_a_plant_that_changed_since_the_study_is_named_first(prefcal, tmp_path, monkeypatch):
     code = "from prefcal_env import Plant\nplant = Plant.of(([{}], [20, 1]), delay=6.0)\n"
     (tmp_path / "own.py").write_text(code.format(0.8))
     study = ("--calibrator", "synthetic", "--cost", "settling_time", "--simulate", "0", "--n-max", "3")
@@ -75,13 +75,17 @@ def test_a_plant_that_changed_since_the_study_is_named_first(prefcal, tmp_path):
     lines = Verified.read(tmp_path / "o").lines  # as printed, one below the other, they are a scenario
     assert "\n".join(lines) in same
     (tmp_path / "limited.toml").write_text("\n".join(lines))
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    _, moved, _ = prefcal("verify", "../o/best.json", *words[2:])
+    monkeypatch.chdir(tmp_path)
     limits = {kpi.name: kpi.at_most for kpi in load(str(tmp_path / "limited.toml")).kpis}
     assert limits["overshoot"] == 10.0
     assert limits["settling_time"] < 1000
     (tmp_path / "own.py").write_text(code.format(1.3))
     _, other, _ = prefcal(*words)
     first = "Of the plant as its files are now, not as in the study."
-    assert first not in " ".join(same.split())
+    assert all(first not in " ".join(text.split()) and "Does it hold?" in text for text in (same, moved))
     assert f"Does it hold? {first}" in " ".join(other.split())
 
 
