@@ -260,9 +260,14 @@ def report(typed: dict[str, Any]) -> None:
             'verify best.json --range parameter=0.2 --range "dead time=0:0.5"',
             "Parameters up to 20 % off, and up to 50 % more dead time.",
         ),
+        (
+            'verify best.json --limit "overshoot <= 10 %" --limit "phase_margin >= 45"',
+            "Judge by these limits, too.",
+        ),
         more="""\
-Ctrl-C ends the runs; those that are done are kept and reported. The scenario is run
-again: one of your own is a Python file, which is executed.
+Ctrl-C ends the runs; those that are done are kept and reported. Fewer runs than
+in verification.json do not replace it: they are shown and kept beside it. The
+scenario is run again: one of your own is a Python file, which is executed.
 """,
     ),
 )
