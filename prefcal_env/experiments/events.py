@@ -246,7 +246,7 @@ class Response:
     def settling_time(self, event: RunEvent) -> float:
         """Return the time from the event until the error stays in the band; infinite for never."""
         rows = slice(event.first, event.end)
-        return entry_time(self.t[rows], self.smooth[rows], event.band) - float(self.t[event.first])
+        return staying_time(self.t[rows], self.smooth[rows], event.band) - float(self.t[event.first])
 
     def lag(self, event: RunEvent) -> float:
         """Return by which time the output trails a ramp of its reference, at the end of the ramp."""
@@ -282,6 +282,23 @@ def _area(left: Curve, right: Curve) -> Curve:
 
 def entry_time(t: Curve, error: Curve, band: float) -> float:
     """Return the instant of the last entry of an error into the band; infinite for never."""
-    outside = np.flatnonzero(np.abs(error) > band * (1 + 1e-9))  # 29.7 is within 0.3 of 30
+    outside = np.flatnonzero(_outside(error, band))
     last = int(outside[-1]) if len(outside) else -1
     return float(t[last + 1]) if last + 1 < len(t) else np.inf
+
+
+def staying_time(t: Curve, error: Curve, band: float) -> float:
+    """Return the instant from which an error stays in the band; infinite for never.
+
+    An oscillation is in the band at the end by chance. So the last visit must be as long as the longest
+    one that ended, or a tenth of the time; the first one, before anything moved, is none of these.
+    """
+    found, outside = entry_time(t, error, band), _outside(error, band)
+    turns = np.flatnonzero(np.diff(outside.astype(int))) + 1  # rows from which the error is in or out
+    visits = [(t[a], t[b]) for a, b in pairwise(turns.tolist()) if not outside[a]]
+    longest = max((float(b - a) for a, b in visits), default=0.0)
+    return found if t[-1] - found >= min(longest, float(t[-1] - t[0]) / 10) else np.inf
+
+
+def _outside(error: Curve, band: float) -> Bool[np.ndarray, " K"]:
+    return np.asarray(np.abs(error) > band * (1 + 1e-9))  # 29.7 is within 0.3 of 30

@@ -58,6 +58,8 @@ from .studies.files import as_text, completed
 
 _SIGNS = {True: ("✓", "green"), False: ("✗", "bold red"), None: ("·", "dim")}
 _FIRST = " (the very first run on a machine compiles for half a minute)"
+_PATIENCE = 30.0  # seconds that runs of one knob at a time may take
+_NAMED = 3  # number of KPIs that are named of a reference, the most important ones
 _DRAWS = 2000  # number of random θ to try if the constraints exclude the middle of the box
 _GOALS = {
     "lower": "lower is better",
@@ -84,6 +86,8 @@ class Checkup:
     theta: Float[np.ndarray, " n"]  # θ of the trial run, physical, shape (n,)
     experiment: Experiment | None = None
     findings: list[Finding] = field(default_factory=list)
+    clock: Callable[[], float] = time.perf_counter  # returns the time in seconds
+    took: float = 0.0  # duration of the trial run, in seconds
 
     def check(self, tell: Callable[[str], None]) -> None:
         """Take all steps, each of which adds its findings; `tell` is told what is being done."""
@@ -96,6 +100,7 @@ class Checkup:
             ("computing the cost", "cost", self._cost),
             ("asking the calibrators", "calibrators", self._calibrators),
             ("running θ once more", "same again", self._again),
+            ("moving one knob at a time", "knobs alone", self._alone),
             ("running the references", "references", self._references),
             ("making the controller", "controller", self._controller),
             ("storing the experiment", "study file", self._stored),
@@ -128,7 +133,7 @@ class Checkup:
             yield Finding("constraints", False, f"θ = {space.named(self.theta)} is not allowed")
 
     def _run(self) -> Iterator[Finding]:
-        start, source = time.perf_counter(), self.scenario.source
+        start, source = self.clock(), self.scenario.source
         run = source.begin(self.theta.copy(), seed=0)
         result: object = None if run.waits else run.advance()
         if run.waits:  # a live plant waits only once it has been looked at
@@ -139,7 +144,7 @@ class Checkup:
             else:
                 yield Finding("run", None, "only you can run this rig: a made-up record is checked")
             return
-        took = time.perf_counter() - start
+        took = self.took = self.clock() - start
         experiment = self.experiment = check_returned(result)
         self.scenario = with_found_kpis(self.scenario, experiment)
         bad = experiment.end.interrupted
@@ -189,7 +194,10 @@ class Checkup:
         for words in kpi_problems(self.scenario, e.kpis):
             yield Finding("KPIs", e.end.interrupted and None, words)
         for kpi in self.scenario.kpis:
-            if kpi.name in e.kpis:
+            if kpi.unstable(e):
+                words = "the loop is not stable with this θ, so it has no such margin"
+                yield Finding(f"KPI {kpi.name!r}", None, f"{words}; {_GOALS[kpi.goal]}")
+            elif kpi.name in e.kpis:
                 text = with_unit(measured(kpi, e), kpi.unit)
                 met = {True: ", met", False: ", not met", None: ""}[kpi.met_by(e)]
                 yield Finding(f"KPI {kpi.name!r}", True, f"{text}; {_GOALS[kpi.goal]}{met}")
@@ -227,6 +235,20 @@ class Checkup:
         words = f"the same θ and seed give another experiment: {where} differ"
         yield Finding("same again", False, f"{words}; take randomness from the seed only")
 
+    def _alone(self) -> Iterator[Finding]:
+        """Yield the knobs of which neither end of the range, alone, changes anything in the run."""
+        space, source, first = self.scenario.space, self.scenario.source, self._ran()
+        if source.asks or source.candidates is not None or 2 * len(space) * self.took > _PATIENCE:
+            return
+        for i, knob in enumerate(space):
+            ends = [np.where(np.arange(len(space)) == i, end, self.theta) for end in (knob.low, knob.high)]
+            ends = [theta for theta in ends if space.allows(theta) and theta[i] != self.theta[i]]
+            runs = [self.scenario.run(theta, seed=0) for theta in ends]
+            if runs and all(_same(e.kpis, first.kpis) and _same(e.u, first.u) for e in runs):
+                span = f"{number(knob.low)} to {quantity(knob.high, knob.unit)}"
+                words = f"no KPI and no input changes over its range, {span}, with the others as they are"
+                yield Finding(f"knob {knob.name!r}", None, f"{words}: is it used?")
+
     def _references(self) -> Iterator[Finding]:
         ends: list[End] = []
         for name, theta in self.scenario.references.items():
@@ -242,8 +264,12 @@ class Checkup:
 
     def _reference(self, theta: Float[np.ndarray, " n"], ends: list[End]) -> str:
         result: object = self.scenario.run(theta, seed=0)
-        ends.append(check_experiment(self.scenario, theta, result).end)
-        return f"ended: {ends[-1].value}"
+        made = check_experiment(self.scenario, theta, result)
+        ends.append(made.end)
+        shown = () if made.end.interrupted else self.scenario.shown_kpis
+        known = [kpi for kpi in shown if kpi.name in made.kpis][:_NAMED]
+        values = (f"{kpi.name} {with_unit(measured(kpi, made), kpi.unit)}" for kpi in known)
+        return "; ".join([f"ended: {made.end.value}", *values])
 
     def _controller(self) -> Iterator[Finding]:
         if self.scenario.controller is not None:

@@ -117,7 +117,7 @@ def calibrate(typed: dict[str, Any]) -> None:
         ("choose runs.csv --study mine --terminal", "In this terminal; run it again to resume."),
         *examples_of_worlds("choose"),
         more="""\
-The first line of a table holds headings, perhaps with units, as in "settling \\\\[s]". What
+The first line of a table holds headings, perhaps with units, as in "settling \\[s]". What
 `trials_dataframe()` of Optuna exports is recognized: trials that failed are left out.
 """,
     ),
@@ -209,15 +209,15 @@ def check(typed: dict[str, Any]) -> None:
             "With tracking errors of the level, and moves of the valve.",
         ),
         (
-            'look a.csv b.csv --time Stamp --columns "level=TI-101.PV" --unit level=m',
-            "Columns of a historian under names of your own.",
+            'look a.csv b.csv --columns "level=TI-101.PV" --unit level=m',
+            "A column of a historian under a name of your own.",
         ),
         ("look mine:3 mine:best plant.csv", "Experiments of the study mine, beside a record of the plant."),
         ("look a.csv b.csv --out pair.png", "The picture in a file, without a page."),
         ("look a.csv b.csv --json", "The KPIs of both, for programs."),
         more="""\
 The column called time, or else a first one that increases, is the time, in
-seconds or as time stamps. Headings may have units, as in "level \\\\[m]".
+seconds or as time stamps. Headings may have units, as in "level \\[m]".
 A column "level ref" is the reference of level. All other columns of numbers are outputs.
 """,
     ),
@@ -260,9 +260,11 @@ def report(typed: dict[str, Any]) -> None:
             'verify best.json --range parameter=0.2 --range "dead time=0:0.5"',
             "Parameters up to 20 % off, and up to 50 % more dead time.",
         ),
+        ('verify best.json --limit "overshoot <= 10 %"', "Judge by this limit, too."),
         more="""\
-Ctrl-C ends the runs; those that are done are kept and reported. The scenario is run
-again: one of your own is a Python file, which is executed.
+Ctrl-C ends the runs; those that are done are kept and reported. Fewer runs than
+in verification.json do not replace it: they are shown and kept beside it. The
+scenario is run again: one of your own is a Python file, which is executed.
 """,
     ),
 )

@@ -16,7 +16,7 @@ from prefcal_app.looking import SideBySide
 from prefcal_app.looking.look import run_from
 from prefcal_app.looking.pair import NamedRun
 from prefcal_app.report.export import export_controller
-from prefcal_app.report.write import judge, picture, verify_best
+from prefcal_app.report.write import judge, picture, verify_best, written_beside
 from prefcal_app.terminal.showing import ask_line, say, show_kpis
 from prefcal_env.errors import SettingsError
 from prefcal_env.study import study_path
@@ -172,12 +172,20 @@ def verify(options: VerifyOptions) -> int:
     said = verify_best(
         best,
         options.runs,
+        limits=options.limit,
         ranges=dict(_range(text) for text in options.range),
         jobs=options.jobs,
         timeout=options.run_timeout,
         progress=True,
     )
     show(said, console)
+    if beside := written_beside(said, best.parent):
+        say(
+            console,
+            f"Kept in {best.parent / beside}: {best.parent / FILE} has more runs than these {said.runs}, so "
+            "it stays, as do sheet and report. To replace it, remove it first.",
+        )
+        return 0
     for k in range(len(said.worst)):
         drawn = best.parent / picture(k)
         where = drawn if drawn.is_file() else "could not be run again to draw it"

@@ -48,6 +48,8 @@ class Described:
         reference: Desired value of an output, for example level=2. Repeat the option for more.
         plant: Plant of a standard controller: a prefcal plant, a system of {systems}scipy,
             (A, B, C, D), or the record of a step test (see `prefcal identify`).
+        limit: Limit of a KPI or margin, for example "overshoot <= 10 %" or "phase_margin >= 45".
+            Repeat the option for more.
         stop_time: Duration of an experiment, in the model's unit of time.
         config: Configuration of the scenario, for example the road and traffic of overtake.
         run_timeout: Time limit for one run of your own scenario; a longer run is ended and counts
@@ -63,6 +65,7 @@ class Described:
         tuple[str, ...], Option(metavar="NAME=NUMBER", show_default="none; a standard controller finds one")
     ] = ()
     plant: Annotated[str | None, Option(metavar="FILE.py:NAME")] = None
+    limit: Annotated[tuple[str, ...], Option(metavar="LIMIT", show_default="none")] = ()
     stop_time: Annotated[float | None, Option(metavar="TIME", show_default="that of the model")] = None
     config: Annotated[Path | None, Option(metavar="FILE.json")] = None
     run_timeout: Annotated[float, Option(metavar="SECONDS", show_default="3600, an hour")] = 3600.0
@@ -417,6 +420,8 @@ class VerifyOptions:
     Args:
         best: The best.json of a report.
         runs: Number of random runs; 299 good ones show that less than 1 % are bad.
+        limit: Limit by which to judge, beside those of the study, for example "overshoot <= 10 %" or
+            "phase_margin >= 45". Repeat the option for more.
         range: Relative change of a factor or a kind of factors; 0 leaves it out.
         jobs: Number of processes.
         run_timeout: Time limit of each run, in seconds.
@@ -424,6 +429,7 @@ class VerifyOptions:
 
     best: Annotated[str, Argument(metavar="BEST.json")]
     runs: Annotated[int, Option(metavar="N", max=100_000)] = 299
+    limit: Annotated[tuple[str, ...], Option(metavar="LIMIT")] = ()
     range: Annotated[tuple[str, ...], Option(metavar="NAME=CHANGE")] = ()
     jobs: Annotated[int | None, Option(metavar="N", max=MOST_PROCESSES, show_default="all cores")] = None
     run_timeout: Annotated[float | None, Option(metavar="SECONDS", show_default="3600, an hour")] = None

@@ -12,6 +12,7 @@ from dataclasses import MISSING, dataclass, fields
 from functools import cache, wraps
 from importlib.util import find_spec
 from pathlib import Path
+from textwrap import fill, indent
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 from typer import Context
@@ -113,6 +114,8 @@ def takes(options: type, *more: Parameter) -> Callable[[Callable[..., None]], Ca
     def declare(command: Callable[..., None]) -> Callable[..., None]:
         wants_context = len(inspect.signature(command).parameters) > 1
 
+        command.__doc__ = _flowing(command.__doc__ or "")
+
         @wraps(command)
         def call(context: Context, **values: Any) -> None:
             typed = {
@@ -155,8 +158,13 @@ def _of_worlds() -> Mapping[str, str]:
 
 def examples(*shown: tuple[str, str], more: str = "") -> str:
     """Return an epilog with example commands, an explanation of each, and `more`."""
-    lines = (f"[cyan]prefcal {line}[/cyan]\n  {words}" for line, words in shown)
-    return "\n\n".join(["[bold]Examples[/bold]", *lines, *([more] if more else [])])
+    lines = (f"[cyan]prefcal {line}[/cyan]\n{indent(fill(words, 74), '  ')}" for line, words in shown)
+    return "\n\n".join(["[bold]Examples[/bold]", *lines, *([_flowing(more)] if more else [])])
+
+
+def _flowing(text: str) -> str:
+    """Return paragraphs without line breaks: the terminal breaks them, and typer would keep both."""
+    return "\n\n".join(" ".join(each.split()) for each in inspect.cleandoc(text).split("\n\n"))
 
 
 @cache

@@ -1,8 +1,9 @@
 """Write the report: the page, the sheet to sign, what a verification adds to it, and the folder."""
 
 import re
+import shlex
 from base64 import b64encode
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime, tzinfo
@@ -28,10 +29,10 @@ from prefcal_env.experiments.experiment import Channel, End, Experiment
 from prefcal_env.plants.jacobians import U
 from prefcal_env.sources.source import env_of, plant_of
 from prefcal_env.sources.varied import Ranges
-from prefcal_scenarios.described.description import limits_in
+from prefcal_scenarios.described.making import limited
 from prefcal_scenarios.isolated import DEFAULT_LIMIT
 from prefcal_scenarios.runs import Progress
-from prefcal_scenarios.scenario import Picture, Scenario
+from prefcal_scenarios.scenario import Picture, Scenario, finds_kpis, with_found_kpis
 from prefcal_scenarios.style import WIDTH, png, style
 from prefcal_scenarios.verification import Verification, verify
 from prefcal_scenarios.verification.result import (
@@ -116,6 +117,7 @@ def page(
             "experiments": experiment_table(record),
             "gain": gain_of(record),
             "result": result_table(record),
+            "verdict": _top_of(record, verified),
             "verified": Markup(_in_report(verified, loop)),
         }
     if record.asked and not record.scored:
@@ -145,7 +147,7 @@ FILE = "acceptance.html"
 _PART = re.compile(r"<!-- verified -->.*?<!-- end -->", re.DOTALL)
 """The part of the sheet or report that a verification changes."""
 _TOP = re.compile(r"<!-- verdict -->.*?<!-- end -->", re.DOTALL)
-"""The verdict, above the tables of the sheet."""
+"""The verdict, above the tables of the sheet and the report."""
 _UNKNOWN = "not verified"
 _RUN = (
     f"{_UNKNOWN}: how it does if gains, dead times, noise, loads and set points all differ from the model. "
@@ -211,14 +213,12 @@ def unverified(record: StudyRecord, why: str = "") -> Answers:
 
 
 def _verdicts(verified: Verified) -> dict[str, str | dict[str, str]]:
-    """Return what the verdict rests on, what to do next, the worst run, and what hurts most."""
+    """Return what the verdict rests on, the worst run, and what hurts most."""
     margins = _margins(verified.margins, verified.basis)
     found: dict[str, str | dict[str, str]] = {"Other plants": f"{verified.statement} {verified.limits_kept}"}
     if verified.lines:
-        found["Lines for that"] = {"lines": "\n".join(verified.lines)}
+        found["Usual limits"] = {"lines": "\n".join(verified.lines)}
     found["Margins"] = margins
-    if verified.advice:
-        found["What next"] = _sentences(verified.advice)
     for worst in verified.worst[:1]:
         found["Worst run"] = f"{worst.words}{f' ({worst.verdict})' if worst.verdict else ''}: {worst.text}."
     found["Hurts most"] = next(iter(verified.effects), _UNKNOWN)
@@ -252,9 +252,16 @@ def verdict_of(record: StudyRecord, verified: Verified | str | None = None) -> s
     return f"{lost}Not verified on other plants than the modeled one: run prefcal verify best.json."
 
 
-def top(verdict: str) -> str:
-    """Return the verdict above the tables of the sheet, as HTML."""
-    return f'<!-- verdict --><p class="verdict">{symbols_in(verdict)}</p><!-- end -->'
+def top(verdict: str, advice: Sequence[str] = ()) -> str:
+    """Return the verdict and what to do next, which stand above the tables of sheet and report, as HTML."""
+    texts = [verdict, *([f"What next: {_sentences(advice)}"] if advice else [])]
+    made = "".join(f'<p class="verdict">{symbols_in(text)}</p>' for text in texts)
+    return f"<!-- verdict -->{made}<!-- end -->"
+
+
+def _top_of(record: StudyRecord, verified: Verified | str | None) -> Markup:
+    advice = verified.advice if isinstance(verified, Verified) else ()
+    return Markup(top(verdict_of(record, verified), advice))
 
 
 def verified_tables(verified: Verified) -> dict[str, list[dict[str, Any]]]:
@@ -284,8 +291,7 @@ def _in_report(verified: Verified | str | None, loop: bytes) -> str:
         made = parts.answers([("Other plants", f"{_RUN} {verified}." if verified else _RUN)])
     else:
         each = (t for group in verified_tables(verified).values() for t in group)
-        answered = [("Verdict", verified.verdict), *_verdicts(verified).items()]
-        made = parts.answers(answered) + Markup().join(map(tables.table, each))
+        made = parts.answers([*_verdicts(verified).items()]) + Markup().join(map(tables.table, each))
     drawn = parts.image("Open loop", data_uri(loop), _LOOP_ALT) if loop else ""
     return f"<!-- verified -->{made}{drawn}<!-- end -->"
 
@@ -320,8 +326,9 @@ def refresh(folder: Path) -> None:
     if verified is None:
         return
     loop = _drawn_in(folder)
-    _renew(folder / FILE, section(verified_answers(verified), loop), top(verified.verdict))
-    _renew(folder / REPORT, _in_report(verified, loop))
+    verdict = top(verified.verdict, verified.advice)
+    _renew(folder / FILE, section(verified_answers(verified), loop), verdict)
+    _renew(folder / REPORT, _in_report(verified, loop), verdict)
 
 
 def _drawn_in(folder: Path) -> bytes:
@@ -329,7 +336,7 @@ def _drawn_in(folder: Path) -> bytes:
     return (folder / LOOP).read_bytes() if (folder / LOOP).is_file() else b""
 
 
-def _renew(path: Path, made: str, verdict: str = "") -> None:
+def _renew(path: Path, made: str, verdict: str) -> None:
     """Write the parts of a file anew that a verification changes."""
     if path.is_file():
         text = _TOP.sub(lambda _: verdict, path.read_text(encoding="utf-8"), count=1)
@@ -345,6 +352,7 @@ def verify_best(
     best: Path,
     runs: int = RUNS,
     *,
+    limits: Sequence[str] | None = None,
     ranges: Ranges | None = None,
     jobs: int | None = None,
     timeout: float | None = None,
@@ -353,9 +361,13 @@ def verify_best(
 ) -> Verified:
     """Return what came of varying the plant of a best.json, written durably beside it.
 
+    One of fewer runs than the one that is there does not replace it: see `written_beside`.
+
     Args:
         best: The file.
         runs: Number of random runs.
+        limits: Limits of KPIs or margins beside those of the study, each a text such as "overshoot <= 10 %";
+            None for those of the verification that is there.
         ranges: Relative changes, as for `verify`.
         jobs: Number of processes, as for `verify`.
         timeout: Time limit of each run in seconds; None for that of a study, an hour.
@@ -374,6 +386,9 @@ def verify_best(
     folder_for(best.parent)
     if tuning.own and timeout is None:
         timeout = DEFAULT_LIMIT
+    if limits is None:
+        limits = () if (there := _there(best.parent)) is None else there.limits
+    tuning = _limited(tuning, limits, timeout)
     stays = tuning.before is None or np.array_equal(tuning.before, tuning.theta)  # no run twice
     if tuning.scenario.source.asks:
         found = unvaried(tuning.scenario, tuning.theta, tuning)
@@ -389,25 +404,73 @@ def verify_best(
             timeout=timeout,
             progress=progress,
         )
-    return _keep(found, tuning, best, timeout, f"{clock(UTC):%Y-%m-%d %H:%M} UTC")
+    said = _said(found, tuning, best, f"{clock(UTC):%Y-%m-%d %H:%M} UTC")
+    words = [*(("--runs", str(runs)) if runs != RUNS else ()), *_options("--limit", limits)]
+    words += _options("--range", (f"{name}={_typed(change)}" for name, change in (ranges or {}).items()))
+    said = _offering(replace(said, limits=tuple(limits)), found, ["prefcal", "verify", str(best), *words])
+    if beside := written_beside(said, best.parent):
+        said.write(best.parent, beside)
+    else:
+        _keep(said, found, tuning, best, timeout)
+    return said
 
 
-def _keep(found: Verification, tuning: BestTuning, best: Path, timeout: float | None, at: str) -> Verified:
-    """Write what a verification says, with earlier verdicts on the same runs, and draw its worst runs."""
+def _limited(tuning: BestTuning, limits: Sequence[str], timeout: float | None) -> BestTuning:
+    """Return the tuning with further limits of KPIs, which one more run finds if the scenario states none."""
+    scenario = tuning.scenario
+    if limits and finds_kpis(scenario) and not scenario.source.asks:
+        run = VerifiedRun({}, tuning.seed, tuning.end, {})
+        scenario = with_found_kpis(scenario, replays(scenario, tuning.theta, [run], timeout)[0])
+    return replace(tuning, scenario=limited(scenario, limits))
+
+
+def _options(flag: str, values: Iterable[str]) -> list[str]:
+    return [word for value in values for word in (flag, value)]
+
+
+def _typed(change: float | Sequence[float]) -> str:
+    return f"{change:g}" if isinstance(change, float | int) else ":".join(f"{end:g}" for end in change)
+
+
+def _said(found: Verification, tuning: BestTuning, best: Path, at: str) -> Verified:
+    """Return what a verification says of a best.json, with earlier verdicts on the same worst runs."""
     if found.planned and not found.runs:
         raise ScenarioError("stopped before a random run was completed, so nothing is written")
     if not best.is_file() or digest_of(best) != tuning.digest:
         raise StaleError(f"{str(best)!r} changed while its tuning was verified: verify again")
     version, robust = versions()["prefcal"], tuning.robust
     said = Verified.of(found, tuning.scenario, tuning.baseline, version, tuning.digest, robust=robust)
-    limits = {kpi.name: float(f"{limit:.4g}") for kpi, limit, _ in found.usual}
-    how, lines = limits_in(tuning.source, found.kpis, limits) if limits else ("", ())
-    if tuning.changed:
-        said = replace(
-            said, headline=f"Of the plant as its files are now, not as in the study. {said.headline}"
-        )
-    judged, stated = _judged(said.worst, best.parent), f"{said.limits_kept} {how}".strip()
-    said = replace(said, worst=judged, limits_kept=stated, lines=lines, at=at)
+    changed = "Of the plant as its files are now, not as in the study. " if tuning.changed else ""
+    return replace(said, headline=f"{changed}{said.headline}", worst=_judged(said.worst, best.parent), at=at)
+
+
+def _offering(said: Verified, found: Verification, command: Sequence[str]) -> Verified:
+    """Return what a verification says, with its own limits and the command that judges by usual ones."""
+    told = f"{said.limits_kept} Stated for this verification, not in the study: {'; '.join(said.limits)}."
+    said = replace(said, limits_kept=told) if said.limits else said
+    usual = [f"{k.name} <= {float(f'{limit:.4g}'):g} {k.unit}".strip() for k, limit, _ in found.usual]
+    if not usual:
+        return said
+    lines = (shlex.join([*command, *_options("--limit", usual)]),)
+    return replace(said, lines=lines, limits_kept=f"{said.limits_kept} To judge it by the usual limits, run:")
+
+
+def written_beside(said: Verified, folder: Path) -> str:
+    """Return the file of a verification of fewer runs than the one in a folder, which stays; "" if not so."""
+    kept = _there(folder)
+    fewer = kept is not None and kept.runs > said.runs
+    return f"verification-{said.runs}-runs.json" if fewer else ""
+
+
+def _there(folder: Path) -> Verified | None:
+    """Return what was verified of the best.json in a folder; None if it is damaged."""
+    with suppress(ScenarioError):
+        return Verified.read(folder)
+    return None
+
+
+def _keep(said: Verified, found: Verification, tuning: BestTuning, best: Path, timeout: float | None) -> None:
+    """Write what a verification says, draw its worst runs, and complete sheet and report."""
     said.write(best.parent)
     _keep_loop(best.parent, tuning.scenario, [each.margins for each in (found.tuning, found.before) if each])
     for stale in best.parent.glob("worst_run_*.png"):
@@ -416,15 +479,11 @@ def _keep(found: Verification, tuning: BestTuning, best: Path, timeout: float | 
         for rank, drawn in _drawn(tuning, found.worst(), said.worst, timeout):
             put(best.parent / picture(rank), drawn)
     refresh(best.parent)
-    return said
 
 
 def _judged(worst: Sequence[WorstRun], folder: Path) -> tuple[WorstRun, ...]:
     """Return runs with the verdicts that the verification in a folder has on the same ones."""
-    try:
-        before = Verified.read(folder)
-    except ScenarioError:  # a damaged file is written anew
-        before = None
+    before = _there(folder)
     given = [] if before is None else [(replace(run, verdict=""), run.verdict) for run in before.worst]
     return tuple(replace(each, verdict=next((v for run, v in given if run == each), "")) for each in worst)
 
@@ -496,7 +555,7 @@ def sheet(record: StudyRecord, verified: Verified | str | None = None, loop: byt
     return template.render(
         record=record,
         sheet=sheet_of(record),
-        verdict=Markup(top(verdict_of(record, verified))),
+        verdict=_top_of(record, verified),
         holds=Markup(section(holds, loop)),
         curves=picture and data_uri(picture),
     )

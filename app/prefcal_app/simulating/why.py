@@ -4,14 +4,19 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from math import isinf
 
+import numpy as np
+from jaxtyping import Float
+
 from prefcal_agents.learned_cost import LearnedCost
 from prefcal_agents.result import Influence, SmallerChange
 from prefcal_agents.screening.agent import MOST, Certificate
 from prefcal_agents.screening.bank import ENOUGH
 from prefcal_agents.screening.findings import Alternative, Findings, Reason, RobustResult
 from prefcal_app.summary import Spread, compare
+from prefcal_env.envs.varied_plant import sample_of
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.sources.source import env_of, plant_of
 from prefcal_env.sources.varied import BEYOND
 from prefcal_scenarios.scenario import Scenario
 from prefcal_scenarios.verification.result import breakable
@@ -38,8 +43,8 @@ def percent(chance: float) -> str:
 def as_shown(reason: Reason, scenario: Scenario, new: Experiment, best: Experiment) -> Reason:
     """Return the reason with only what people can read off the two experiments.
 
-    KPIs that read the same on both sides are left out. If the agent names no others, those that
-    differ are named in the order of the scenario.
+    KPIs that read the same on both sides are left out, and those whose difference is smaller than
+    the noise. If the agent names no others, those that differ are named in the order of the scenario.
     """
     gains = dict(_gains(scenario, new, best))
     if not gains:  # the scenario states no KPI with a direction
@@ -52,12 +57,44 @@ def as_shown(reason: Reason, scenario: Scenario, new: Experiment, best: Experime
 
 def _gains(scenario: Scenario, new: Experiment, best: Experiment) -> Iterator[tuple[str, int]]:
     """Yield each KPI with 1 if `new` reads better, -1 if it reads worse, else 0."""
+    hidden = _noise_in_kpis(scenario, best)
     for kpi in (*scenario.shown_kpis, *(kpi for kpi in scenario.kpis if kpi.of)):
         of = kpi.of or kpi.name
         if kpi.goal is not None and of in new.kpis and of in best.kpis:
             ours, theirs = (kpi.judged(float(e.kpis[of])) for e in (new, best))
+            if abs(ours - theirs) < hidden.get(of, 0.0):
+                ours = theirs
             # Of an unknown direction it is only said which of the two is higher.
             yield kpi.name, (ours < theirs) - (ours > theirs and not kpi.of)
+
+
+def _noise_in_kpis(scenario: Scenario, run: Experiment) -> dict[str, float]:
+    """Return the noise of outputs in the units of those KPIs that are read off one: overshoots and errors.
+
+    It is that of the task or, of an identified plant, of its record: a standard deviation.
+    """
+    noise = _noise(scenario, len(run.channels.y))
+    found, inputs = dict[str, float](), {channel.unit for channel in run.channels.u}
+    for kpi in scenario.kpis:
+        for i, y in enumerate(run.channels.y):
+            named = y.name in kpi.title or (len(noise) == 1 and kpi.unit not in inputs)
+            if kpi.unit == "%" and y.name in kpi.title and kpi.title.startswith("overshoot"):
+                values = run.output(i)
+                away = () if values is None or not len(values) else np.abs(run.reference(i) - values[0])
+                step = float(np.max(away, initial=0.0))
+                found[kpi.name] = 100 * float(noise[i] / step) if step > 0 else 0.0
+            elif named and kpi.unit == y.unit:
+                found[kpi.name] = float(noise[i])
+    return found
+
+
+def _noise(scenario: Scenario, count: int) -> Float[np.ndarray, " n_y"]:
+    """Return the standard deviation of the noise of each of `count` outputs; 0 where none is known."""
+    known = getattr(getattr(env_of(scenario.source), "task", None), "noise", None)
+    plant = plant_of(scenario.source) if known is None else None
+    if plant is not None and (sample := sample_of(plant)):
+        known = [sample.noise]
+    return np.zeros(count) if known is None or len(known) != count else np.asarray(known, dtype=float)
 
 
 def why(
@@ -100,7 +137,7 @@ def _differs(reason: Reason, named: Callable[[str, bool], str]) -> str:
     worse = _listed([named(name, False) for name in reason.worse_in[:_MOST]])
     if better and worse:
         return f"has {better}, but {worse}"
-    return f"has {better or worse}" if better or worse else "reads like the best so far in all KPIs"
+    return f"has {better or worse}" if better or worse else "has about the KPIs of the best so far"
 
 
 def named_titles(reason: Reason, scenario: Scenario) -> list[str]:

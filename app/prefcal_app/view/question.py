@@ -254,7 +254,7 @@ class Seen:
         reached = [reach for reach in known if len(reach.y) == len(panels)]
         reached += [_reach(experiment, panels) for experiment in shown]
         t = _union(r.t for r in reached)
-        y = [_axis(panel.channel, _union(r.y[i] for r in reached)) for i, panel in enumerate(panels)]
+        y = [_grown(panel, [r.y[i] for r in reached]) for i, panel in enumerate(panels)]
         return {"x": list(snapped(*t)) if t[0] < t[1] else [0.0, 1.0], "y": [list(range_) for range_ in y]}
 
     @property
@@ -293,13 +293,24 @@ def _union(ranges: Iterator[Range]) -> Range:
     return low, high
 
 
-def _axis(channel: Channel, reached: Range) -> Range:
+def _grown(panel: Plot, ranges: Sequence[Range]) -> Range:
+    """Return an axis that covers those of the first runs, of the first two, and so on: rounding alone,
+    in other steps for more runs, would take some of it away."""
+    reached, axis = _NOTHING, _NOTHING if ranges else _axis(panel, _NOTHING)
+    for each in ranges:
+        before, reached = reached, _union(iter((reached, each)))
+        if reached != before or axis == _NOTHING:
+            axis = _union(iter((axis, _axis(panel, reached))))
+    return axis
+
+
+def _axis(panel: Plot, reached: Range) -> Range:
     """Return the axis of a panel from the range of its curves and its target with band."""
-    low, high = reached
+    channel, (low, high) = panel.channel, reached
     if channel.target is not None:
         band = channel.band or 0.0
         low, high = min(low, channel.target - band), max(high, channel.target + band)
-    low, high = _framed(channel, low, high)
+    low, high = _framed(channel, low, high, whole=panel.held)
     if not low < high:
         middle = low if low == high else 0.0
         return middle - 1.0, middle + 1.0
@@ -312,14 +323,15 @@ def snapped(low: float, high: float, grain: int = _GRAIN) -> Range:
     """Round a range outwards to at least `grain` steps of 1, 2 or 5 times a power of ten."""
     rough = (high - low) / grain
     power = 10.0 ** np.floor(np.log10(rough))
-    step = float(next(m for m in (5, 2, 1) if m * power <= rough) * power)
+    step = float(next((m for m in (5, 2) if m * power <= rough), 1) * power)
     return step * float(np.floor(low / step + 1e-9)), step * float(np.ceil(high / step - 1e-9))
 
 
-def _framed(channel: Channel, low: float, high: float) -> Range:
+def _framed(channel: Channel, low: float, high: float, *, whole: bool) -> Range:
     """Extend a range to limits that the curves come near; distant ones would flatten the curves.
 
-    A range covers at least a tenth of the allowed span, so that noise is not magnified.
+    A range covers at least a tenth of the allowed span, so that noise is not magnified. It is the `whole`
+    span, of an input, from a twentieth on: the next run moves it elsewhere, and the axis would jump.
     """
     limits = [limit for limit in (channel.low, channel.high) if np.isfinite(limit)]
     if not low <= high:
@@ -327,6 +339,7 @@ def _framed(channel: Channel, low: float, high: float) -> Range:
     allowed = (channel.high - channel.low) / 10 if len(limits) > 1 else 0.0
     middle, span = (low + high) / 2, max(high - low, allowed)
     near = [limit for limit in limits if max(low - limit, limit - high) <= 2 * span]
+    near = limits if whole and 0 < allowed <= 2 * (high - low) else near
     return min(low, middle - span / 2, *near), max(high, middle + span / 2, *near)
 
 

@@ -336,7 +336,9 @@ class Verifying:
 
     def _verify(self, folder: Path) -> None:
         try:
-            report.write.verify_best(folder / verification.result.BEST, progress=self._progress)
+            said = report.write.verify_best(folder / verification.result.BEST, progress=self._progress)
+            if report.write.written_beside(said, folder):
+                self._problem = f"Stopped after {said.runs} runs: an earlier verification has more and stays."
         except Exception as error:
             _, self._problem, _ = explain(error)
         except SystemExit as error:

@@ -1,11 +1,9 @@
 """A scenario as plain data: in a TOML file, as options of the command line, or both."""
 
-import json
 import re
 import shlex
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Mapping
 from math import isfinite
 from pathlib import Path
 from typing import Any, Literal
@@ -17,9 +15,8 @@ from prefcal_env.knobs import Knob, KnobScale
 from prefcal_env.optional import WORLDS, World
 from prefcal_env.plain import Keys, entries
 from prefcal_env.wording import did_you_mean
-from prefcal_scenarios.names import CONTROLLERS, either, is_built_in, is_described
+from prefcal_scenarios.names import CONTROLLERS, either, is_described
 from prefcal_scenarios.own import joined_source, split_source
-from prefcal_scenarios.scenario import KPI
 
 # --- Read the short texts that describe a knob or a reference, in a file or on the command line.
 
@@ -78,6 +75,29 @@ def _number(name: str, word: str, text: str) -> float:
 
 def _wrong(name: str, text: str) -> str:
     return f"knob {name!r}: expected its range LOW:HIGH, for example {KNOB_EXAMPLE}, got {text.strip()!r}"
+
+
+_LIMIT = re.compile(r"\s*(\S.*?)\s*(<=|>=|≤|≥)\s*([^\s\[]+)\s*(?:\[([^\]]*)\]|(.*))", re.DOTALL)
+
+
+def limit_of(text: str) -> tuple[str, dict[str, Any]]:
+    """Return the KPI that a text such as "overshoot <= 10 %" limits, and its entry in a file's [kpis].
+
+    Raises:
+        ScenarioError: If the text does not read like that.
+    """
+    found = _LIMIT.fullmatch(text)
+    name, sign, word, *units = found.groups() if found else ("", "", "", "")
+    try:
+        value = float(word)
+    except ValueError:
+        value = float("nan")
+    if not isfinite(value):
+        raise ScenarioError(
+            f'a limit must be KPI <= NUMBER UNIT, or with >=, for example "overshoot <= 10 %", got {text!r}'
+        )
+    end, unit = "at_most" if sign in ("<=", "≤") else "at_least", next(filter(None, units), "").strip()
+    return name, {end: value} | ({"unit": unit} if unit else {})
 
 
 def listed(texts: Iterable[str]) -> list[str]:
@@ -145,6 +165,7 @@ class Description(msgspec.Struct, frozen=True, kw_only=True):
     stop_time: float | None = None
     timeout: float | None = None
     kpis: dict[str, float | str | dict[str, Any]] | Literal["none"] | None = None
+    limits: list[str] = []
     panels: dict[str, dict[str, Any]] = {}
     starts: dict[str, dict[str, float]] = {}
 
@@ -240,6 +261,7 @@ FLAGS = {
     "reference": "--reference",
     "plant": "--plant",
     "stop_time": "--stop-time",
+    "limits": "--limit",
 }
 """Keys of a description and the options that set them."""
 
@@ -261,52 +283,9 @@ def words_of(source: str) -> list[str]:
     for key in ("plant", "stop_time"):
         if key in config:
             words += [FLAGS[key], str(config[key])]
+    for text in config.get("limits", []):
+        words += ["--limit", text]
     return words
-
-
-def limits_in(source: str, kpis: Sequence[KPI], limits: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
-    """Return where to state largest values of KPIs, by name, and the lines; empty if a scenario is built in.
-
-    All KPIs are named: those that a file does not name are not computed.
-    """
-    name, config = split_source(source)
-    if is_built_in(source):
-        return "", ()
-    if not is_described(source):
-        made = (replace(k, at_most=limits[k.name]) for k in kpis if k.name in limits)
-        own = tuple(f"KPI({k.name!r}, {k.title!r}, {k.unit!r}, at_most={k.at_most!r})," for k in made)
-        return "For that, its file states these KPIs.", own
-    table = {k.name: {"at_most": limits[k.name]} if k.name in limits else {} for k in kpis}
-    if name.endswith(".toml"):
-        known = _stated_kpis(name)
-        table = {key: {**known.get(key, {}), **value} for key, value in table.items()}
-        return f"For that, these lines go to the end of {name}, in place of [kpis].", _lines({"kpis": table})
-    key = next((world.key for world in WORLDS if world.ending == Path(name).suffix != ""), "controller")
-    return "For that, calibrate a TOML file of these lines.", _lines(
-        {key: name, **(config or {}), "kpis": table}
-    )
-
-
-def _lines(content: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the lines of a TOML file: first the values, then the tables."""
-    tables = {key: value for key, value in content.items() if isinstance(value, Mapping)}
-    lines = [f"{key} = {_as_toml(value)}" for key, value in content.items() if key not in tables]
-    for key, table in tables.items():
-        lines += [f"[{key}]", *(f"{_as_toml(name)} = {_as_toml(value)}" for name, value in table.items())]
-    return tuple(lines)
-
-
-def _stated_kpis(name: str) -> dict[str, dict[str, Any]]:
-    """Return the KPIs that a TOML file states itself, such as those with formulas of their own."""
-    found = _read(Path(name)).get("kpis") if Path(name).is_file() else None
-    pairs = found.items() if isinstance(found, dict) else ()
-    return {key: {"formula": each} if isinstance(each, str) else each for key, each in pairs}
-
-
-def _as_toml(value: Any) -> str:
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{_as_toml(name)} = {_as_toml(each)}" for name, each in value.items()) + "}"
-    return json.dumps(value, ensure_ascii=False)
 
 
 def words_to_resume(source: str) -> list[str]:

@@ -1,7 +1,7 @@
 """Make a `Scenario` of its description: the plant that a file names, a rig, and the rest."""
 
 import re
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -27,9 +27,9 @@ from prefcal_env.units import conversion
 from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.names import CONTROLLERS, either
 from prefcal_scenarios.own import module_at
-from prefcal_scenarios.scenario import KPI, Scenario
+from prefcal_scenarios.scenario import KPI, Scenario, finds_kpis
 
-from .description import KNOB_EXAMPLE, Description, description_of, ranged_knob, stated
+from .description import KNOB_EXAMPLE, Description, description_of, limit_of, ranged_knob, stated
 from .identified import is_record, plant_of_record
 
 # --- Load the plant that a file, the command line or a study names: model.py:plant.
@@ -235,14 +235,42 @@ def _dress(made: Scenario, d: Description, where: str) -> Scenario:
     if d.simulated is not None:
         changes["simulated"] = d.simulated
     if d.kpis is not None:
-        changes["kpis"] = () if isinstance(d.kpis, str) else _kpis(d.kpis, made, where)
-        if _margins(made).keys() & {kpi.name for kpi in changes["kpis"]}:
-            changes["run"] = made.source.measured(lambda _: MarginKPIs(function_of(made.source)))
+        kpis = () if isinstance(d.kpis, str) else _kpis(d.kpis, made, f"{where}, [kpis]")
+        changes |= _measuring(made, kpis)
     takes_show = d.world is not None and "show" in d.world.unit
     if d.panels or (d.show and not takes_show):
         changes["panels"] = _panels(d, made, where)
     starts = {name: _start(name, theta, made.space, where) for name, theta in d.starts.items()}
-    return replace(made, **changes, references={**made.references, **starts})
+    return limited(replace(made, **changes, references={**made.references, **starts}), d.limits, where)
+
+
+def limited(made: Scenario, limits: Sequence[str], where: str = "--limit") -> Scenario:
+    """Return the scenario with limits of KPIs or margins, each a text such as "overshoot <= 10 %".
+
+    Raises:
+        ScenarioError: If one does not read like that, or there is no such KPI; the message begins with
+            `where` it is stated.
+    """
+    if not limits:
+        return made
+    if finds_kpis(made):
+        raise ScenarioError(f"{where}: a limit is for KPIs known before the first run: name them in [kpis]")
+    channels, kpis = made.source.channels, {kpi.name: kpi for kpi in made.kpis}
+    for text in limits:
+        name, entry = limit_of(text)
+        known = kpis | {key: kpi for key, kpi in _margins(made).items() if key not in kpis}
+        if name not in known:  # of others, no run has a value
+            expected = f"{did_you_mean(name, known)} Expected one of {', '.join(known)}"
+            raise ScenarioError(f"{where}: there is no KPI {name!r}.{expected}")
+        kpis[name] = _kpi(name, entry, known, where, () if channels is None else every_tracking_kpi(channels))
+    return replace(made, **_measuring(made, (*kpis.values(),)))
+
+
+def _measuring(made: Scenario, kpis: tuple[KPI, ...]) -> dict[str, Any]:
+    """Return these KPIs as a change of a scenario, with what computes those that are margins."""
+    new = _margins(made).keys() & {kpi.name for kpi in kpis} - {kpi.name for kpi in made.kpis}
+    run = {"run": made.source.measured(lambda _: MarginKPIs(function_of(made.source)))} if new else {}
+    return {"kpis": kpis, **run}
 
 
 def _name(where: str, d: Description) -> str:
@@ -287,10 +315,10 @@ def _kpi(
     """Return a KPI that is known by its name, or has a formula; lower is better unless it says more."""
     plain = {"at_most": value} if isinstance(value, float | int) else {"formula": value}
     table = value if isinstance(value, Mapping) else plain
-    given = stated(table, f"{where}, [kpis] {name!r}", KPI, known=("name", "of"))
+    given = stated(table, f"{where} {name!r}", KPI, known=("name", "of"))
     if name not in known and "formula" not in given:
         raise ScenarioError(
-            f"{where}, [kpis]: there is no KPI {name!r}.{did_you_mean(name, known)} "
+            f"{where}: there is no KPI {name!r}.{did_you_mean(name, known)} "
             f'Expected one of {", ".join(known)}, or a formula such as {name!r} = "max(level) - 2"'
         )
     try:
@@ -299,7 +327,7 @@ def _kpi(
         aims = {"at_most", "at_least", "better"} & given.keys()
         return KPI(**{"name": name, "title": name, "better": None if aims else "lower", **given})
     except ScenarioError as error:
-        raise ScenarioError(f"{where}, [kpis] {name!r}: {error}") from error
+        raise ScenarioError(f"{where} {name!r}: {error}") from error
 
 
 def _in_its_unit(kpi: KPI, given: dict[str, Any], differences: Collection[str]) -> dict[str, Any]:

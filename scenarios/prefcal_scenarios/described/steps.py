@@ -16,7 +16,7 @@ from prefcal_env.envs.plant_env import PlantEnv, delays_of
 from prefcal_env.envs.task import StepSignal, Task
 from prefcal_env.envs.varied_plant import at_target, sample_of
 from prefcal_env.errors import PlantError, ScenarioError
-from prefcal_env.experiments.events import entry_time
+from prefcal_env.experiments.events import staying_time
 from prefcal_env.experiments.experiment import Channel, Controller, Experiment
 from prefcal_env.experiments.panels import Panel
 from prefcal_env.knobs import Knob, KnobSpace
@@ -125,7 +125,7 @@ def _until(
     if not part.any() or t[-1] < end * (1 - 1e-6) - 1e-9:
         return np.inf
     t = t[part]
-    found = entry_time(t, error[part], _BAND)
+    found = staying_time(t, error[part], _BAND)
     return found - start if len(t) >= _DWELL and found <= t[-_DWELL] else np.inf
 
 

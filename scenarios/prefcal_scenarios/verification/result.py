@@ -321,12 +321,11 @@ class Verification:
         stated = f"Stated limits: a safe end, the objectives of {', '.join(aims)}, and nothing"
         if not aims:
             stated = "No limit that a run can break is stated. What counts: a safe end, and nothing"
-        offers = " State the usual limits as objectives of the KPIs." if self.usual else ""
         own = self.tuning.nominal
         nominal = f"The nominal run: {own.words}." if own.problems else "The nominal run holds."
         if self.tuning.margins == UNSTABLE and not own.problems:
             nominal = "The nominal loop is not stable, though its run ended safely."
-        return f"{stated} infinite that is finite nominally. {nominal}{offers}"
+        return f"{stated} infinite that is finite nominally. {nominal}"
 
     @property
     def usual(self) -> tuple[tuple[KPI, float, str], ...]:
@@ -638,7 +637,8 @@ class Verified:
     scenario: str  # name of the scenario
     version: str  # version of prefcal
     best: str  # SHA-256 of the best.json, in hexadecimal digits
-    lines: tuple[str, ...] = ()  # lines of a file that state the usual limits, if none is stated
+    lines: tuple[str, ...] = ()  # the command that judges by the usual limits, if none is stated
+    limits: tuple[str, ...] = ()  # limits that were stated for it, beside those of the study, as typed
     at: str = field(default="", compare=False)  # date, in ISO 8601; "" if nobody said
 
     @classmethod
@@ -722,10 +722,10 @@ class Verified:
         found = from_plain(content, cls, ScenarioError, repr(str(path)))
         return found if found.best == digest_of(tuning) else None
 
-    def write(self, folder: str | Path) -> None:
+    def write(self, folder: str | Path, file: str = FILE) -> None:
         """Write the file, durably. Raises ScenarioError, which says the result, if that is not possible."""
         text = json.dumps(to_plain(self), indent=2, ensure_ascii=False, allow_nan=False)
-        path = Path(folder) / FILE
+        path = Path(folder) / file
         try:
             write_durably(path, f"{text}\n".encode())
         except OSError as error:

@@ -47,6 +47,36 @@ def found(result, what):
     return next((c["ok"], c["words"]) for c in result["checks"] if c["what"] == what)
 
 
+def test_a_knob_that_does_nothing_is_named(check):
+    text = """
+def idle(theta, seed=0):
+    made = t.toy.run([theta[0], theta[1], 1.0], seed=seed)
+    return replace(made, theta=theta)
+own = replace(t.toy, run=idle)
+"""
+    code, result = check(text)
+    assert code == 0
+    ok, words = found(result, "knob 'gain'")
+    assert ok is None
+    assert words.startswith("no KPI and no input changes over its range, 0")
+    assert words.endswith("with the others as they are: is it used?")
+    assert [c["what"] for c in result["checks"] if c["what"].startswith("knob ")] == ["knob 'gain'"]
+    _, result = check("own = t.toy")
+    assert not [c for c in result["checks"] if c["what"].startswith("knob ")]
+
+
+def test_a_loop_that_is_not_stable_has_no_margin_rather_than_a_missed_one(check):
+    text = """
+kpi = KPI("M_s", "M_s", at_most=2.0, better="lower", margin=True)
+def run(theta, seed=0):
+    made = t.toy.run(theta, seed=seed)
+    return made.with_kpis({**made.kpis, "M_s": np.inf})
+own = replace(t.toy, run=run, kpis=(*t.toy.kpis, kpi))
+"""
+    said = "the loop is not stable with this θ, so it has no such margin; lower is better"
+    assert found(check(text)[1], "KPI 'M_s'") == (None, said)
+
+
 def test_a_scenario_in_order_passes_and_is_drawn(check, tmp_path):
     code, result = check("own = t.toy")
     assert (code, result["ok"]) == (0, True)

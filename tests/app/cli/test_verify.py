@@ -1,11 +1,11 @@
 """`prefcal verify`: what it prints, keeps and asks, and when it ends with an error."""
 
 import json
+import shlex
 
 import pytest
 
 from prefcal_app.cli import look_run
-from prefcal_scenarios import load
 from prefcal_scenarios.verification.result import Verified
 
 LAG = {"K": 2.0, "T_i": 20.0, "T_d": 3.0, "T_f": 3.0, "b": 0.5, "T_t": 20.0}
@@ -34,7 +34,7 @@ def test_a_table_beside_the_tuning_before_with_statement_margins_and_worst_runs(
         "Usual limits: ",
         "below 14 % with 95 % confidence",
         "No limit that a run can break is stated. What counts: a safe end",
-        "The nominal run holds. State the usual limits as objectives of the KPIs.",
+        "The nominal run holds. To judge it by the usual limits, run: prefcal verify best.json --runs 20",
         "What margin has it?",
         "No limit on a margin is stated. Usual are M_s ≤ 2",
         "Before (current tuning): 20 of 20 of the same plants.",
@@ -72,21 +72,45 @@ def test_a_plant_that_changed_since_the_study_is_named_first(prefcal, tmp_path, 
     assert done == 0, err
     words = ("verify", "o/best.json", "--runs", "3", "--jobs", "1")
     _, same, _ = prefcal(*words)
-    lines = Verified.read(tmp_path / "o").lines  # as printed, one below the other, they are a scenario
-    assert "\n".join(lines) in same
-    (tmp_path / "limited.toml").write_text("\n".join(lines))
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
     _, moved, _ = prefcal("verify", "../o/best.json", *words[2:])
     monkeypatch.chdir(tmp_path)
-    limits = {kpi.name: kpi.at_most for kpi in load(str(tmp_path / "limited.toml")).kpis}
-    assert limits["overshoot"] == 10.0
-    assert limits["settling_time"] < 1000
     (tmp_path / "own.py").write_text(code.format(1.3))
     _, other, _ = prefcal(*words)
     first = "Of the plant as its files are now, not as in the study."
     assert all(first not in " ".join(text.split()) and "Does it hold?" in text for text in (same, moved))
     assert f"Does it hold? {first}" in " ".join(other.split())
+
+
+def test_the_line_that_is_offered_works_when_pasted_and_begins_no_study(prefcal, best, tmp_path):
+    changed = ("--range", "dead time=0:0.3", "--range", "task=0")
+    _, out, _ = prefcal("verify", best(), "--runs", "6", "--jobs", "1", *changed)
+    (line,) = Verified.read(tmp_path).lines
+    assert line in out
+    program, *words = shlex.split(line)
+    assert (program, words[:2]) == ("prefcal", ["verify", "best.json"])
+    code, out, err = prefcal(*words, "--jobs", "1")
+    assert code == 0, err
+    kept = Verified.read(tmp_path)
+    assert [text.partition(" <=")[0] for text in kept.limits] == ["overshoot", "settling_time"]
+    assert "Not judged" not in out
+    assert ("dead time", "6 to 7.8 s", "stated") in kept.varied
+    assert kept.runs == 6
+    assert {path.name for path in tmp_path.iterdir() if path.is_dir() or path.suffix == ".db"} == set()
+
+
+def test_fewer_runs_than_before_are_shown_and_kept_beside(prefcal, best, tmp_path):
+    prefcal("verify", best(), "--runs", "5", "--jobs", "1")
+    code, out, err = prefcal("verify", "best.json", "--runs", "4", "--jobs", "1")
+    assert code == 0, err
+    words = " ".join(out.split())
+    assert "3 of 4 runs end safely and settle" in words
+    assert (
+        "Kept in verification-4-runs.json: verification.json has more runs than these 4, so it stays, as do "
+        "sheet and report. To replace it, remove it first."
+    ) in words
+    assert Verified.read(tmp_path).runs == 5
 
 
 def test_in_a_terminal_each_of_the_worst_runs_is_asked_about_once(prefcal, best, tmp_path, monkeypatch):

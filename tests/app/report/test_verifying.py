@@ -9,7 +9,18 @@ import numpy as np
 import pytest
 
 from prefcal_app.report.pictures import open_loop
-from prefcal_app.report.write import FILE, LOOP, data_uri, judge, picture, refresh, verify_best, write_report
+from prefcal_app.report.write import (
+    FILE,
+    LOOP,
+    VERIFICATION,
+    data_uri,
+    judge,
+    picture,
+    refresh,
+    verify_best,
+    write_report,
+    written_beside,
+)
 from prefcal_env.disk import digest_of
 from prefcal_env.errors import ScenarioError, SettingsError, StaleError
 from prefcal_env.sources.source import plant_of
@@ -122,8 +133,45 @@ def test_a_stop_before_the_first_run_changes_nothing_and_verdicts_on_the_same_ru
     assert Verified.read(best.parent) == told
     assert verify_best(best, 4, jobs=1) == told
     assert [each.verdict for each in verify_best(best, 4, jobs=1, ranges={"noise": 1}).worst] == [""] * 3
+    (best.parent / VERIFICATION).unlink()
     verify_best(best, 1, jobs=1)
     assert [each.name for each in best.parent.glob("worst*")] == [picture(0)]
+
+
+def test_fewer_runs_than_are_there_are_kept_beside_and_change_nothing_else(best):
+    (best.parent / FILE).write_text(SHEET)
+    said = verify_best(best, 4, jobs=1)
+    before = {path.name: path.read_bytes() for path in best.parent.iterdir()}
+    assert written_beside(said, best.parent) == ""
+    fewer = verify_best(best, 3, jobs=1)
+    assert written_beside(fewer, best.parent) == "verification-3-runs.json"
+    assert '"runs": 3' in (best.parent / "verification-3-runs.json").read_text()
+    assert {name: (best.parent / name).read_bytes() for name in before} == before
+    assert verify_best(best, 4, jobs=1, ranges={"noise": 0}) == Verified.read(best.parent) != said
+    best.write_text(best.read_text() + "\n")  # of another tuning, any number is new
+    assert verify_best(best, 2, jobs=1) == Verified.read(best.parent)
+
+
+def test_limits_judge_a_verification_and_count_when_it_is_repeated(best):
+    said = verify_best(best, 4, jobs=1, limits=["overshoot <= 0.1 %", "effort <= 1e6"])
+    assert said.limits == ("overshoot <= 0.1 %", "effort <= 1e6")
+    assert said.headline.startswith("Does not hold")
+    assert said.limits_kept.endswith(
+        "Stated for this verification, not in the study: overshoot <= 0.1 %; effort <= 1e6."
+    )
+    assert [row[1] for row in said.kpis if row[1]] == ["≤ 0.1 %", "≤ 1000000 %"]
+    assert said.lines == ()
+    assert verify_best(best, 4, jobs=1) == said  # as the page repeats it
+    assert "end safely and settle" in verify_best(best, 4, jobs=1, limits=()).headline
+
+
+def test_an_own_scenario_that_states_no_kpis_is_limited_by_those_of_its_run(tmp_path):
+    text = OWN.replace("seed=0", "seed=0, mass=1.2")
+    (tmp_path / "mine.py").write_text(text)
+    content = {"format": 1, "scenario": "mine.py:SCENARIO", "theta": {"gain": 1.0}, "settings": {}}
+    (tmp_path / BEST).write_text(json.dumps(content))
+    with pytest.raises(ScenarioError, match="--limit: there is no KPI 'right'"):
+        verify_best(tmp_path / BEST, 2, jobs=1, limits=["right <= 1"])
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from prefcal_agents.screening.findings import Alternative, Findings, Reason
 from prefcal_app.session.study import trust_text
 from prefcal_app.simulating import as_shown, at_stake, carried_by, menu_names, rival, wanted, why
 from prefcal_app.simulating.why import kept
+from prefcal_scenarios import load
 from prefcal_scenarios.scenario import KPI
 from support.looks import toy
 
@@ -39,7 +40,7 @@ def test_it_names_what_is_better_what_that_costs_and_why_it_is_shown(case, words
 @pytest.mark.parametrize(
     ("better", "worse", "words"),
     [
-        ((), (), "reads like the best so far in all KPIs"),
+        ((), (), "has about the KPIs of the best so far"),
         ((), ("t_f",), "has higher settling time t_f"),
         (("t_f",), (), "has lower settling time t_f"),
         (("t_f",), ("iae",), "has lower settling time t_f, but higher iae"),
@@ -76,6 +77,21 @@ def test_what_reads_the_same_is_not_named():
     new, best = ran(t_f=4.0, final=2.0), ran(t_f=4.0000001, final=2.0)
     found = as_shown(Reason(0.5, ("t_f",), ("final",)), toy, new, best)
     assert (found.better_in, found.worse_in) == ((), ())
+
+
+def test_what_noise_hides_is_no_reason():
+    lag = load("lag")  # its temperature has noise of 0.1 °C
+    best = lag.run(lag.space.decode(np.full(len(lag.space), 0.5)))
+    step = abs(best.reference(0) - best.output(0)[0]).max()
+    least = 100 * 0.1 / step  # % of the step
+    named = {}
+    for share in (0.9, 1.1):
+        kpis = {**best.kpis, "overshoot": 10.0 + share * least, "disturbance_peak": 4.0 - share * 0.1}
+        new = best.with_kpis(kpis)
+        old = best.with_kpis({**kpis, "overshoot": 10.0, "disturbance_peak": 4.0})
+        found = as_shown(Reason(0.5, ("disturbance_peak",), ("overshoot",)), lag, new, old)
+        named[share] = found.better_in, found.worse_in
+    assert named == {0.9: ((), ()), 1.1: (("disturbance_peak",), ("overshoot",))}
 
 
 def test_what_differs_is_named_though_it_hardly_matters_to_the_model():

@@ -5,6 +5,7 @@ import numpy as np
 
 from prefcal_app.session import Choice
 from prefcal_app.view import Seen, now_view
+from prefcal_app.view.question import snapped
 from prefcal_scenarios.scenario import panels_of
 from support.looks import LEVEL, THETA, VALVE, answer, asked, run
 
@@ -48,6 +49,30 @@ def test_axes_end_at_whole_steps_so_that_a_little_growth_moves_nothing():
     nothing = Seen().frame((LEVEL, VALVE))
     assert nothing["x"] == [0.0, 1.0]
     assert all(low < high for low, high in nothing["y"])
+
+
+def test_the_axis_of_an_input_is_its_whole_range_from_a_twentieth_on():
+    one = run(THETA)
+    small, larger = (replace(one, u=np.linspace(4.0, 4.0 + w, len(one.t))[:, None]) for w in (0.4, 0.6))
+    low, high = Seen().frame((VALVE,), small)["y"][0]  # of 0 to 10 %
+    assert low > 3
+    assert high < 6
+    low, high = Seen().frame((VALVE,), larger)["y"][0]
+    assert low < 0
+    assert high > 10
+
+
+def test_no_further_run_takes_any_of_an_axis_away():
+    one = run(THETA)
+    runs = [replace(one, x=np.full_like(one.x, level)) for level in (1.5, 10.1, 11.5)]
+    axes = [Seen().frame((LEVEL,), *runs[:count])["y"][0] for count in range(1, 4)]
+    for before, after in pairwise(axes):
+        assert after[0] <= before[0]
+        assert after[1] >= before[1]
+
+
+def test_a_range_just_below_a_whole_power_of_ten_has_an_axis():
+    assert snapped(0.0, 1.9999999999999998) == (0.0, 2.0)  # its logarithm is rounded up
 
 
 def test_limits_are_on_the_axes_where_curves_come_near_and_noise_is_not_magnified():

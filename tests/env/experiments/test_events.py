@@ -235,3 +235,16 @@ def test_what_lies_on_the_edge_of_the_band_is_within():
     """A sensor with steps of 0.1: 29.7 is within 0.3 of 30, although its float is not."""
     t, y = np.arange(0.0, 8.0), np.array([20.0, 27.0, 29.7, 29.7, 30.0, 29.7, 30.0, 30.0])
     assert kpis(t, y, 30.0)["settling time"] == 2.0
+
+
+@pytest.mark.parametrize("end", [56.1, 56.2, 58.5, 58.6])
+def test_an_oscillation_that_ends_within_the_band_has_not_settled(end):
+    t = T[end > T]
+    y = np.where(t < 1, 0.0, 1 + 0.1 * np.sin(2 * np.pi * (t - 1) / 4.8))
+    assert kpis(t, y, np.where(t < 1, 0.0, 1.0))["settling time"] == np.inf
+
+
+def test_who_leaves_the_band_once_and_stays_afterwards_has_settled():
+    y = 1 + np.interp(T, [0, 2, 36, 37, 39, 40, 60], [-1, 0, 0.02, 0.04, 0.04, 0.02, 0.0])
+    # A visit of 34 s ended; the last one of 20 s is longer than a tenth of 60 s.
+    assert kpis(T, y, np.ones_like(T))["settling time"] == pytest.approx(39.5, abs=0.06)

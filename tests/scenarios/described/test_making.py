@@ -235,8 +235,10 @@ def test_a_plant_is_a_program_that_must_be_named_again_and_may_have_moved():
 
 
 def test_a_source_is_written_as_options():
-    source = 'loop.fmu {"knobs": {"K": "1:2"}, "reference": {"y": 2.0}, "show": ["y", "u"]}'
-    words = ["loop.fmu", "--knob", "K=1:2", "--show", "y,u", "--reference", "y=2.0"]
+    source = (
+        'loop.fmu {"knobs": {"K": "1:2"}, "reference": {"y": 2.0}, "show": ["y", "u"], "limits": ["y <= 1"]}'
+    )
+    words = ["loop.fmu", "--knob", "K=1:2", "--show", "y,u", "--reference", "y=2.0", "--limit", "y <= 1"]
     assert words_of(source) == words
     assert words_to_resume(source) == ["loop.fmu"]
     assert words_of('overtake {"lanes_count": 3}') == ['overtake {"lanes_count": 3}']

@@ -345,6 +345,8 @@ def _described(given: Mapping[str, Any]) -> dict[str, Any]:
         found["show"] = listed(given["show"])
     if given.get("reference"):
         found["reference"] = named_numbers(given["reference"], "--reference")
+    if given.get("limit"):
+        found["limits"] = list(given["limit"])
     return found
 
 

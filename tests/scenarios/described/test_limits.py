@@ -1,0 +1,97 @@
+"""Limits that are typed mean the same as in a file, and a wrong one says what it must be."""
+
+import re
+
+import numpy as np
+import pytest
+
+from prefcal_env.errors import ScenarioError
+from prefcal_scenarios import KPI, Scenario, load
+from prefcal_scenarios.described.description import limit_of
+from prefcal_scenarios.described.making import limited
+
+PLANT = """
+from prefcal_env import Channel
+from prefcal_env.plants import FunctionPlant
+
+plant = FunctionPlant(
+    lambda x, u, d: [(u[0] - x[0]) / 5],
+    lambda x, u, d: [x[0]],
+    states=[Channel("level", "m")],
+    inputs=[Channel("inflow", "%", low=0.0, high=10.0)],
+    outputs=[Channel("level", "m", target=2.0)],
+    time_unit="s",
+)
+"""
+SOURCE = 'pid {{"knobs": {{"K_p": "0.1:10:log"}}, "plant": "tank.py:plant", "limits": {}}}'
+
+
+@pytest.fixture(autouse=True)
+def _tank(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "tank.py").write_text(PLANT)
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "entry"),
+    [
+        ("overshoot <= 10 %", "overshoot", {"at_most": 10.0, "unit": "%"}),
+        ("phase_margin>=45", "phase_margin", {"at_least": 45.0}),
+        ("lag of oil level ≤ 1e-1 [min]", "lag of oil level", {"at_most": 0.1, "unit": "min"}),
+    ],
+)
+def test_a_limit_is_read_as_an_entry_of_a_file(text, name, entry):
+    assert limit_of(text) == (name, entry)
+
+
+@pytest.mark.parametrize("text", ["overshoot", "overshoot <= much", "<= 10", "overshoot = 10", "x <= nan"])
+def test_what_is_no_limit_is_refused_with_what_one_is(text):
+    with pytest.raises(ScenarioError, match=f'for example "overshoot <= 10 %", got {text!r}'):
+        limit_of(text)
+
+
+def test_limits_are_those_of_a_file_in_its_units_and_other_kpis_stay():
+    free = load(SOURCE.format("[]"))
+    made = load(SOURCE.format('["settling_time <= 2 min", "overshoot <= 10 %", "overshoot >= 1"]'))
+    rest = 'controller = "pid"\nplant = "tank.py:plant"\n[knobs]\nK_p = "0.1:10:log"\n[kpis]\n'
+    with open("a.toml", "w") as file:
+        file.write(rest + "settling_time = { at_most = 2, unit = 'min' }\novershoot = 10\n")
+    known, stated = ({kpi.name: kpi for kpi in each.kpis} for each in (made, load("a.toml")))
+    assert [*known] == [kpi.name for kpi in free.kpis]
+    assert known["settling_time"] == stated["settling_time"]
+    assert (known["settling_time"].at_most, known["settling_time"].unit) == (120.0, "s")
+    assert (known["overshoot"].at_least, known["overshoot"].at_most) == (1.0, stated["overshoot"].at_most)
+
+
+def test_a_limit_of_a_margin_lets_it_be_computed():
+    made = load(SOURCE.format('["phase_margin >= 45 °"]'))
+    assert made.kpis[-1].name == "phase_margin"
+    assert made.kpis[-1].margin
+    value = made.run(next(iter(made.references.values()))).kpis["phase_margin"]
+    assert value == pytest.approx(44.5, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("overshot <= 10 %", "no KPI 'overshot'. Did you mean 'overshoot'? Expected one of settling_time, "),
+        ("overshoot <= 10 m", "'overshoot': its unit must be %, or one that converts into it, got 'm'"),
+        # No run of a PID has it, so a limit of it would be kept by all.
+        ("integrated error of level <= 3", "there is no KPI 'integrated error of level'"),
+    ],
+)
+def test_a_limit_of_what_no_run_has_is_refused(text, said):
+    with pytest.raises(ScenarioError, match=re.escape(said)):
+        limited(load(SOURCE.format("[]")), [text])
+
+
+def test_of_ones_own_scenario_only_its_kpis_can_be_limited():
+    space, run = load("lag").space, lambda theta, seed=0: None
+    own = Scenario("own", "Own", space, run, kpis=(KPI("left", "left", "m", better="lower"),))
+    assert limited(own, ["left <= 5 cm"]).kpis[0].at_most == pytest.approx(0.05)
+    assert limited(own, []) is own
+    with pytest.raises(ScenarioError, match=r"Expected one of left$"):
+        limited(own, ["phase_margin >= 45"])
+    assert np.isinf(own.kpis[0].at_most)
+    with pytest.raises(ScenarioError, match=r"known before the first run: name them in \[kpis\]"):
+        limited(Scenario("own", "Own", space, run), ["left <= 5 cm"])
