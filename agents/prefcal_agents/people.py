@@ -306,18 +306,20 @@ class Utilities:
         """
         rows = np.arange(len(self)) if draws is None else draws
         kpi = np.broadcast_to(np.asarray(part) % logs.shape[-1], rows.shape)
-        x = logs[rows, :, kpi] if logs.ndim > 2 else logs.T[kpi]
+        x = logs[rows, :, kpi] if logs.ndim > 2 else logs.T[kpi if np.ndim(part) else kpi[:1]]
         beyond = np.broadcast_to(np.asarray(part) >= logs.shape[-1], rows.shape)
         order = (self.ordered[rows] > 0) & ~beyond
-        trade = ~order & ~beyond
-        found = np.zeros(x.shape)
         scales, steps = self.scales[rows, kpi, None], self.steps[rows, kpi, None]
         exponents, limits = self.exponents[rows, kpi, None], self.limits[rows, kpi, None]
         # s^p / (s^p + d^p) in logarithms, the share of the weight that is lost at the distance d.
-        found[trade] = expit(exponents[trade] * (x[trade] - scales[trade]))
+        found = x - scales
+        found *= exponents
+        expit(found, out=found)
+        x = np.broadcast_to(x, found.shape)
         above = np.exp(np.maximum(x[order], scales[order])) - np.exp(scales[order])
         # Below `scales` all values are alike; above, distances count in just noticeable differences.
         found[order] = np.minimum(above / steps[order], 1e9)  # infinity times a weight of 0 is NaN
+        found[beyond] = 0.0
         beyond = beyond & np.isfinite(limits[:, 0])
         # A value at its limit keeps it, also where the logarithm and back added a last digit.
         excess = np.exp(x[beyond]) * (1 - 1e-9) - limits[beyond]
@@ -391,14 +393,20 @@ class Utilities:
             differences: How much better the preferred experiment is, or one of a tie, see `differences`.
             tie: Whether the answer is that they are alike, shape (a,).
         """
-        gain = self.gain(differences)
-        explained, even = notice_chance(gain), gain[:, tie]
-        explained[:, tie] = 1.0 - notice_chance(even) - notice_chance(-even)
+        gain, error = self.gain(differences), self.errors
+        # Beyond 4, a difference is noticed for sure, to the last bit: most answers of a long study.
+        close = ~(gain > 4.0)
+        close[:, tie] = True
+        rows, answers = np.nonzero(close)
+        near = gain[close]
+        explained, even = notice_chance(near), tie[answers]
+        explained[even] = 1.0 - explained[even] - notice_chance(-near[even])
         # A mistake is any of the three answers, so that no single one can rule out a draw.
-        error = self.errors[:, None]
-        explained *= 1.0 - error
-        explained += error / 3.0
-        return np.asarray(np.log(explained, out=explained))
+        explained *= 1.0 - error[rows]
+        explained += error[rows] / 3.0
+        found = np.broadcast_to(np.log(1.0 - error + error / 3.0)[:, None], gain.shape).copy()
+        found[close] = np.log(explained)
+        return found
 
     @property
     def parts(self) -> Iterable[int]:
@@ -545,17 +553,20 @@ class Lessons:
         first = [known.setdefault(pair.tobytes(), place) for place, pair in enumerate(pairs)]
         wanted = np.array([*range(len(self)), *first[len(self) :]], dtype=np.int64)
         kept, places = np.unique(wanted, return_inverse=True)
-        pair = np.append(joined.better[kept], joined.worse[kept])
-        shown, rows = np.unique(pair, return_inverse=True)
-        better, worse = np.split(rows, 2)
-        united = Lessons(joined.logs[shown], better, worse, joined.tie[kept], joined.strength[kept])
-        return united, places[len(self) :]
+        return joined.take(kept), places[len(self) :]
 
     def first(self, count: int) -> "Lessons":
         """Return the first `count` answers, about the same experiments."""
         return Lessons(
             self.logs, self.better[:count], self.worse[:count], self.tie[:count], self.strength[:count]
         )
+
+    def take(self, answers: Int[np.ndarray, " b"]) -> "Lessons":
+        """Return some answers, about the experiments that they name."""
+        pair = np.append(self.better[answers], self.worse[answers])
+        shown, rows = np.unique(pair, return_inverse=True)
+        better, worse = np.split(rows, 2)
+        return Lessons(self.logs[shown], better, worse, self.tie[answers], self.strength[answers])
 
     def log_probabilities(self, utilities: Utilities) -> Float[np.ndarray, "s a"]:
         """Return the logarithm of the probability of each answer by each draw, shape (s, a)."""
@@ -600,10 +611,8 @@ def update(
     places = (rng.random() + np.arange(len(before))) / len(before) * shares[-1]
     rows = np.minimum(np.searchsorted(shares, places), len(before) - 1)
     rows = rng.permutation(rows)
-    for part in before.parts:  # in place: it may be 70 MB
-        apart[part] = apart[part].take(rows, axis=0)
-    moved = apart[: before.used, :, :count]
-    return _move(before.take(rows), moved, united.first(count), scale, rng, mistakes)
+    told = _Told(united.first(count), apart[: before.used, :, :count].take(rows, axis=1))
+    return _move(before.take(rows), told, logs[:, :count].take(rows, axis=0), scale, rng, mistakes)
 
 
 def learn(before: Utilities, lessons: Lessons, scale: Scale, rng: np.random.Generator) -> Utilities:
@@ -613,35 +622,88 @@ def learn(before: Utilities, lessons: Lessons, scale: Scale, rng: np.random.Gene
     return before
 
 
+_TELLING = 64
+"""Number of answers that are looked at first: those that are explained worst refuse nearly all steps that all
+answers together refuse."""
+
+
+class _Told(NamedTuple):
+    """Answers, and how much better one experiment of each is by each draw, which steps change in place.
+
+    `apart` is what `Utilities.differences` returns, `others` the strength of the answers left out.
+    """
+
+    lessons: Lessons
+    apart: Float[np.ndarray, "c s a"]
+    others: float = 0.0
+
+    def worst(self, logs: Float[np.ndarray, "s a"]) -> "_Told":
+        """Return the answers that are explained worst, by what `Utilities.log_answers` returned."""
+        rows = np.argsort(logs.sum(axis=0) * self.lessons.strength, kind="stable")[:_TELLING]
+        few = self.lessons.take(rows)
+        others = float(self.lessons.strength.sum() - few.strength.sum())
+        return _Told(few, self.apart.take(rows, axis=2), others)
+
+    def bound(
+        self,
+        tried: Utilities,
+        rows: Int[np.ndarray, " r"],
+        part: Int[np.ndarray, " q"],
+        draw: Int[np.ndarray, " q"],
+    ) -> tuple[Float[np.ndarray, " r"], Float[np.ndarray, "q a"]]:
+        """Return the largest log likelihood that draws `rows` can have, (r,), and the changed parts, (q, a).
+
+        Without other answers, it is the log likelihood. Parts `part` of the draws `draw` change.
+        """
+        (given, apart, others), counted = self, tried.counted[part, draw]
+        changed = _subtract(tried.level(given.logs, part, draw), given.better, given.worse, counted)
+        after, some = apart.take(rows, axis=1), tried.take(rows)
+        after[part, np.searchsorted(rows, draw)] = changed
+        found = some.log_answers(after, given.tie) @ given.strength
+        if (
+            others
+        ):  # None is more probable than one that is explained for sure. The last term covers rounding.
+            found += others * np.log1p(-some.errors * 2.0 / 3.0) + 1e-6
+        return found, changed
+
+
 def _move(
     utilities: Utilities,
-    apart: Float[np.ndarray, "c s a"],
-    lessons: Lessons,
+    told: _Told,
+    logs: Float[np.ndarray, "s a"],
     scale: Scale,
     rng: np.random.Generator,
     mistakes: Mistakes,
 ) -> Utilities:
-    """Return draws after Metropolis steps. Only what a step changes is computed again, in `apart`."""
+    """Return draws after Metropolis steps. Only what a step changes is computed again, in `told`.
+
+    `logs` are `Utilities.log_answers`. Of a long study, a step that a few answers refuse meets no other.
+    """
     count, k = utilities.normals.shape
-    pairs, counted = (lessons.better, lessons.worse), utilities.counted
-    logs = utilities.log_answers(apart, lessons.tie) @ lessons.strength
+    stages = [told.worst(logs), told] if len(told.lessons) > 2 * _TELLING else [told]
+    likely = logs @ told.lessons.strength
     for _ in range(24):  # 40 brought nothing more: docs/research/screening.md
         # Orders stay orders here: the share of both kinds changes by repetition alone.
         new = Utilities.draw(scale, count, rng, utilities.ordered > 0, mistakes)
-        tried = utilities.mutate(new, rng)
+        tried, rows = utilities.mutate(new, rng), np.arange(count)
         # A new shape always has a new just noticeable difference, so this finds the KPIs whose levels change.
         draw, kpi = np.nonzero(tried.steps != utilities.steps)
         stated = np.isfinite(tried.limits[draw, kpi])
         draw, part = np.append(draw, draw[stated]), np.append(kpi, kpi[stated] + k)
-        before = apart[part, draw]
-        apart[part, draw] = _subtract(tried.level(lessons.logs, part, draw), *pairs, counted[part, draw])
-        likely = tried.log_answers(apart, lessons.tie) @ lessons.strength
         # Proposals follow the prior, and weights a step that keeps it, so prior and proposal cancel.
-        accepted = np.log(rng.random(count)) < likely - logs
-        refused = ~accepted[draw]
-        apart[part[refused], draw[refused]] = before[refused]
+        least, found = np.log(rng.random(count)) + likely, []
+        for stage in stages:
+            here = np.isin(draw, rows)
+            part, draw = part[here], draw[here]
+            most, changed = stage.bound(tried, rows, part, draw)
+            found.append((stage.apart, part, draw, changed))
+            possible = most > least[rows]
+            rows, most = rows[possible], most[possible]
+        likely[rows] = most
+        accepted = np.bincount(rows, minlength=count) > 0
+        for apart, part, draw, changed in found:
+            apart[part[accepted[draw]], draw[accepted[draw]]] = changed[accepted[draw]]
         utilities = utilities.where(accepted, tried)
-        logs = np.where(accepted, likely, logs)
     return utilities
 
 
@@ -878,9 +940,12 @@ def worth(costs: Float[np.ndarray, "s m"]) -> Float[np.ndarray, "s m"]:
 
     Halving the number of better θ is worth the same everywhere, from a poor θ to the very best.
     """
-    better = [np.searchsorted(np.sort(row), row - 1.0) for row in costs]
+    better = np.empty(costs.shape, dtype=np.int64)
+    for found, row in zip(better, costs, strict=True):
+        order = np.argsort(row)  # what increases is searched for in a third of the time
+        found[order] = np.searchsorted(row[order], row[order] - 1.0)
     # 3 more: which of the very first ranks a θ has is chance, docs/research/screening.md.
-    return np.asarray(-np.log(np.array(better).reshape(costs.shape) + 3.0 + 1.0))
+    return np.asarray(-np.log(better + 3.0 + 1.0))
 
 
 def expected_best(costs: Float[np.ndarray, "s m"], best: int | None) -> Float[np.ndarray, " m"]:

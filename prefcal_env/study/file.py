@@ -563,7 +563,7 @@ class StudyFile:
         self._address = os.path.abspath(path)  # the working folder may change
         self._place: tuple[int, int] | None = None  # device and inode; None if only read
         self._owned = ExitStack()  # ends what keeps others from writing
-        self._content = b""  # of the file, should others remove or overwrite it
+        self._copy = connection  # in memory once it is open, should others remove or overwrite the file
         self._saved: tuple[int, Path] | None = None  # number of the last event, and the copy
         self.state = _UNBEGUN
         """State of the study after all events."""
@@ -621,7 +621,8 @@ class StudyFile:
                 file._claim()
             file._load()
             if not reading:
-                file._content = connection.serialize()
+                file._copy = file._owned.enter_context(closing(connect(":memory:")))
+                file._copy.deserialize(connection.serialize())
             undo.pop_all()  # it stays open
         return file
 
@@ -759,9 +760,19 @@ class StudyFile:
                 if self._last >= first:  # recorded, also if Ctrl-C came right after that
                     for (r, _), state in zip(rows, states[1:], strict=True):
                         self._take(r.event, state)
-                    if self._place is not None:
-                        self._content = self._connection.serialize()
+                    self._copy_new()
         return tuple(r.seq for r, _ in rows)
+
+    def _copy_new(self) -> None:
+        """Add to the copy what is new in the file: to copy all of a long study takes 20 ms and more."""
+        if self._place is None:
+            return
+        try:
+            (last,) = self._copy.execute("SELECT max(seq) FROM event").fetchone()
+            new = self._connection.execute("SELECT * FROM event WHERE seq > ?", (last,))
+            self._copy.executemany("INSERT INTO event VALUES (?, ?, ?, ?, ?)", new)
+        except sqlite3.Error:  # it grows to 1 GB only
+            self._copy.deserialize(self._connection.serialize())
 
     def _record(self, rows: Rows) -> None:
         before = self._last, self._checksum
@@ -870,7 +881,7 @@ class StudyFile:
             with suppress(OSError, sqlite3.Error, StudyError):
                 if self._saved is None or self._saved[0] != self._last:
                     make_data_folder(target)
-                    self._saved = self._last, save_copy(self._content, target)
+                    self._saved = self._last, save_copy(self._copy.serialize(), target)
                 return (
                     f"{lost} {remedy} and try again, or close prefcal and continue with a copy of "
                     f"everything before: --study {self._saved[1]}"

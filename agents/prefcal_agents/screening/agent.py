@@ -218,7 +218,7 @@ def _better(draws: Utilities, logs: Float[np.ndarray, "m k"], best: int) -> Bool
     for rows in np.array_split(np.arange(len(logs)), -(-len(logs) // _AT_ONCE)):
         levels = draws.levels(logs[np.append(rows, best)])
         each = np.arange(len(rows))
-        found[:, rows] = draws.gains(levels, each, np.full(len(rows), len(rows))).sum(axis=0) > 1.0
+        found[:, rows] = draws.gain(draws.differences(levels, each, np.full(len(rows), len(rows)))) > 1.0
     return found
 
 
@@ -231,14 +231,16 @@ def _foretell(draws: Utilities, lessons: Lessons, history: History) -> tuple[flo
     """
     count = len(history.lessons)  # those that marks make are no answers
     logs = lessons.log_probabilities(draws)[:, :count]
+    inverse = logsumexp(-logs, axis=0)
+    lost = np.arange(count - lost_since(history), count)
     # Importance weights of the posterior without each answer: 1 over the probability of that answer.
-    shares = np.exp(-logs - logsumexp(-logs, axis=0))
-    gain = draws.gains(draws.levels(lessons.logs), lessons.better, lessons.worse).sum(axis=0)
-    of_challenger = np.where(lessons.tie, gain, -gain)[:, :count]  # where it did not win
+    shares = np.exp(-logs[:, lost] - inverse[lost])
+    since = lessons.take(lost)
+    gain = draws.gain(since.differences(draws))
+    of_challenger = np.where(since.tie, gain, -gain)  # where it did not win
     chance = np.sum(shares * notice_chance(of_challenger), axis=0)
-    held = -np.log1p(-np.minimum(chance[count - lost_since(history) :], _SURE)).sum()
-    predicted = np.mean(np.log(len(logs)) - logsumexp(-logs, axis=0))
-    return float(held), float(predicted)
+    held = -np.log1p(-np.minimum(chance, _SURE)).sum()
+    return float(held), float(np.mean(np.log(len(logs)) - inverse))
 
 
 _OPEN = 4
