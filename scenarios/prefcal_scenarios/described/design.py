@@ -13,7 +13,7 @@ from scipy.linalg import eigvals
 from prefcal_env.controllers.margins import minimal
 from prefcal_env.controllers.pid import ProcessModel, Tuning
 from prefcal_env.envs.plant_env import dead_times
-from prefcal_env.envs.varied_plant import rest
+from prefcal_env.envs.varied_loop import rest
 from prefcal_env.errors import PlantError, ScenarioError
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.plants.jacobians import D, U, X
