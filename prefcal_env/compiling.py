@@ -108,13 +108,13 @@ def _of_the_mpc() -> Iterator[Kernel]:
 
 def of_the_filter() -> Iterator[Kernel]:
     """Yield what an MPC with an estimator calls besides."""
-    from .mpc import filter as _filter
+    from .mpc.kernels import carried, linearize, updated
 
     point = "equations, vector, vector, vector"
-    yield _kernel("linearized plant", _filter.linearize, f"{point}, i8")
+    yield _kernel("linearized plant", linearize, f"{point}, i8")
     ahead = "equations, matrix, vector, vector, matrix, matrix, f8, i8"
-    yield _kernel("prediction of the estimator", _filter.carried, ahead)
-    yield _kernel("correction of the estimator", _filter.updated, f"{point}, matrix, matrix, vector")
+    yield _kernel("prediction of the estimator", carried, ahead)
+    yield _kernel("correction of the estimator", updated, f"{point}, matrix, matrix, vector")
 
 
 def _of_the_reactor() -> Iterator[Kernel]:

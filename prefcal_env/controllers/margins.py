@@ -15,7 +15,7 @@ from scipy.linalg import block_diag
 from prefcal_env.envs.closed_loop import ClosedLoop
 from prefcal_env.envs.plant_env import PlantEnv, dead_times, delays_of
 from prefcal_env.envs.task import Task
-from prefcal_env.envs.varied_plant import at_target
+from prefcal_env.envs.varied_loop import at_target
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Controller, Experiment, Measurement
 from prefcal_env.experiments.kpis import KPI

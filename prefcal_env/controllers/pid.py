@@ -398,6 +398,7 @@ class ProcessModel:
     delay: float  # dead time, with half of the sampling time
     unstable: bool = False  # whether a pole is in the right half plane
     damping: float = 1.0  # smallest damping of a pair of poles; 1 if there is none
+    leads: tuple[float, ...] = ()  # time constants 1/|z| of the zeros in the left half plane
 
 
 def simc(process: ProcessModel, *, derivative: bool = True) -> Tuning | None:

@@ -317,7 +317,7 @@ def run(  # type: ignore[no-untyped-def]
     """Run the episode, and return the number of steps; it ends where a state is not finite.
 
     Written to `found` are all instants, with x and y, then of each step its number of instants, u, its
-    success, and y at its end. See `linear_run.linear_run` for the other arguments.
+    success, and y at its end. See `closed_loop.linear_run` for the other arguments.
     """
     (ends, grid), (refs, noise, shifts), (dead, late, seen, delayed) = times, signals, delays
     (slow, sizes), (kept, memory, spans), (t, x, y, lengths, u_control, usable, y_end) = lag, room, found

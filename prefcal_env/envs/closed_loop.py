@@ -3,11 +3,13 @@
 import time
 from collections.abc import Callable
 from dataclasses import fields, replace
+from math import ceil, inf
 from typing import Any, Protocol
 
 import gymnasium as gym
 import numpy as np
-from jaxtyping import Float
+from gymnasium.utils.seeding import np_random
+from jaxtyping import Bool, Float
 
 from prefcal_env.errors import ExperimentError, ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import (
@@ -22,13 +24,199 @@ from prefcal_env.experiments.experiment import (
 )
 from prefcal_env.plants.jacobians import U, Y
 from prefcal_env.plants.plant import Disturbed
+from prefcal_env.plants.systems import LinearPlant
 from prefcal_env.sources.source import Function, Source, Varied
 from prefcal_env.wording import brief, place_in_code
 
-from .linear_run import linear_run
-from .plant_env import PlantEnv
-from .task import Task
+from .plant_env import LITTLE, STRAIGHT, SUDDEN, PlantEnv, check_rate, dead_times, delays_of
+from .task import Signal, StepSignal, Task, never
 from .varied_loop import STEP, VariedLoop, Worn, moves_of
+
+# --- Run a linear plant that PIDs control in a compiled episode: as `rollout`, many times faster.
+
+Matrix = Float[np.ndarray, "_ _"]
+_LARGE = 100  # states, above which the matrices that an episode keeps take more memory than they save time
+_LONGEST = 1e6  # sampling times of an episode or a dead time, up to which compiled lengths are exact
+
+
+def linear_run(env: Any, controller: Any, seed: int) -> tuple[Record, Bool[np.ndarray, " N"]] | None:
+    """Return the episode and the success of each step; None for what only `rollout` can run.
+
+    Numbers differ from those of `rollout` by rounding. The environment itself runs no episode.
+
+    Args:
+        env: Environment, without wrappers.
+        controller: Controller; its PIDs remember what they would after the episode.
+        seed: Seed of the episode.
+    """
+    worn = controller if type(controller) is Worn else None
+    pids: Any = controller if worn is None else worn.controller
+    # A subclass may do anything in another way.
+    parts = pids, *getattr(pids, "pids", ())
+    known = all(vars(type(each)).keys() >= {"packed", "remember"} for each in parts)
+    if not known or type(env) is not PlantEnv or not _is_known(env, pids.T_s):
+        return None
+    plant, task, T_s, packed = env.plant, env.task, env.sampling_time(pids.T_s), pids.packed
+    n_y = len(plant.outputs)
+    # Compiled code does not notice a channel that does not exist.
+    if np.any(packed[1] >= (n_y, len(plant.inputs))):
+        return None
+    ends, noise = _drawn(task, T_s, seed, n_y)
+    refs, d = _over(task.y_ref, ends[:-1]), _over(task.d, ends[:-1])
+    generator, outputs, shifts = _matrices(plant, d)
+    room, found = _room(task, ends, shifts, n_y)
+    dead, late = map(np.array, delays_of(plant))
+    seen = late + np.broadcast_to(np.asarray(task.measurement_delay, dtype=float), n_y)
+    dt = float(getattr(plant, "sample_time", 0.0))
+
+    from ._linear_run import PARTS, run  # loads the compiler
+
+    steps = run(
+        (generator, T_s / PARTS, dt),
+        outputs,
+        (ends, float(task.dense_step)),
+        (refs, noise, shifts),
+        (dead, late, seen, bool(dead.any() or late.any() or seen.any())),
+        _limits(plant, task),
+        # A discrete plant sees nothing between its samples.
+        (float(task.lag), (inf if dt else STRAIGHT, SUDDEN, LITTLE)),
+        packed,
+        _wear(worn, n_y, len(plant.inputs)),
+        room,
+        found,
+    )
+    pids.remember(packed[2])
+    return _record(env, refs, steps, found)
+
+
+def _is_known(env: PlantEnv, T_s: float) -> bool:
+    """Return whether plant and task are of the kinds that are compiled."""
+    plant, task = env.plant, env.task
+    own = plant.plant if type(plant) is Disturbed else plant
+    if type(own) is not LinearPlant or own.entry_delay or env.outputs_are_states:
+        return False
+    if len(own.states) > _LARGE:
+        return False
+    held = all(isinstance(signal, np.ndarray | StepSignal) for signal in (task.y_ref, task.d))
+    longest = max(task.horizon, dead_times(plant).max(initial=0.0) + np.max(task.measurement_delay))
+    own_rules = task.preview or task.settled is not never or task.unsafe(task.x0)
+    return held and not own_rules and longest <= _LONGEST * T_s
+
+
+def _over(signal: Signal | None, t: Float[np.ndarray, " N"]) -> Matrix:
+    """Return the values of a signal at `t`, a row each."""
+    return signal.over(t) if isinstance(signal, StepSignal) else np.tile(np.asarray(signal), (len(t), 1))
+
+
+def _drawn(task: Task, T_s: float, seed: int, n_y: int) -> tuple[Float[np.ndarray, " N1"], Matrix]:
+    """Return the ends of all periods, from 0 on, and the noise at their starts, drawn as `PlantEnv` draws."""
+    random, last = np_random(seed)[0], task.horizon * (1 - 1e-12)
+    size, bias = task.noise, 0.0 if task.bias is None else task.bias
+    if not task.jitter:
+        ends = np.arange(ceil(last / T_s) + 2) * T_s
+        ends = ends[: int(np.searchsorted(ends, last)) + 1]
+        noise = np.zeros((len(ends), n_y)) if size is None else random.standard_normal((len(ends), n_y))
+    else:
+        found, rows = [0.0], [] if size is None else [random.standard_normal(n_y)]
+        while found[-1] < last:
+            found.append((len(found) + task.jitter * int(random.integers(-1, 2))) * T_s)
+            if size is not None:
+                rows.append(random.standard_normal(n_y))
+        ends = np.array(found)
+        noise = np.array(rows) if rows else np.zeros((len(ends), n_y))
+    return ends, bias + (noise if size is None else size * noise)
+
+
+def _matrices(plant: Any, d: Matrix) -> tuple[Matrix, tuple[Matrix, Matrix, Matrix], Matrix]:
+    """Return the generator of (x, a), or its step; C, D and offsets; and a without inputs in each period."""
+    own: Any = plant.plant if type(plant) is Disturbed else plant
+    system, n_d, n_u = own.system, len(own.disturbances), len(own.inputs)
+    (n, _, n_y), m = system.sizes, n_u + n_d
+    C, D = (np.array(part, dtype=float, order="C") for part in (system.C, system.D))
+    generator = np.zeros((n + m, n + m))
+    generator[:n, :n], generator[:n, n:] = system.A, system.B
+    if system.dt:
+        generator[n:, n:] = np.eye(m)
+    shifts, offsets = np.zeros((len(d), m)), np.zeros((len(d), n_y))
+    shifts[:, n_u:] = d[:, :n_d]
+    if own.rest:
+        shifts[:, :n_u] -= own.rest[0]
+        offsets += own.rest[1]
+    if own is not plant:
+        n_p = plant.on_y.shape[1]
+        shifts[:, :n_u] += d[:, n_d + n_p :] @ plant.on_u.T
+        offsets += d[:, n_d : n_d + n_p] @ plant.on_y.T
+    return generator, (C, D, offsets), shifts
+
+
+def _limits(plant: Any, task: Task) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the lower and the upper limit of each input, and its largest move."""
+    low, high = (np.array([getattr(c, name) for c in plant.inputs], dtype=float) for name in ("low", "high"))
+    return low, high, np.full(len(low), inf) if task.max_move is None else np.array(task.max_move)
+
+
+def _wear(worn: Worn | None, n_y: int, n_u: int) -> tuple[np.ndarray, ...]:
+    """Return resolution, backlash, and room for the last command and whether there is one; -1: no wear."""
+    if worn is None:
+        return np.zeros(n_y), np.zeros(n_u), np.zeros(n_u), np.full(1, -1.0)
+    return np.where(worn.rounded, worn.grain, 0.0), np.array(worn.play), np.zeros(n_u), np.zeros(1)
+
+
+def _room(task: Task, ends: np.ndarray, shifts: Matrix, n_y: int) -> tuple[Any, Any]:
+    """Return what the episode remembers, and where it writes what it finds."""
+    from ._linear_run import KEPT
+
+    N, m, n, n_u = len(ends) - 1, shifts.shape[1], len(task.x0), len(task.u0)
+    most, given, rows = N + ceil(ends[-1] / task.dense_step) + 2, 2 * N + 1, (2 * N + 1) * (1 + n_u)
+    kept = np.full(KEPT, -1), np.empty((KEPT, n, n + m)), np.zeros(1, dtype=np.int64)
+    memory = np.full(given, -inf), np.empty((given, n_u)), np.ones(1, dtype=np.int64)
+    starts, states, acting = np.full(rows, -inf), np.empty((rows, n)), np.empty((rows, m))
+    spans = starts, states, acting, np.zeros(rows, dtype=np.int64), np.ones(1, dtype=np.int64)
+    t, x, y = np.full(most, inf), np.zeros((most, n)), np.empty((most, n_y))
+    t[0], x[0], states[0], memory[1][0], acting[0] = 0.0, task.x0, task.x0, task.u0, shifts[0]
+    acting[0, :n_u] += task.u0
+    steps = np.zeros(N, dtype=np.int64), np.empty((N, n_u)), np.zeros(N, dtype=bool), np.empty((N, n_y))
+    return (kept, memory, spans), (t, x, y, *steps)
+
+
+def _record(env: PlantEnv, refs: Matrix, steps: int, found: Any) -> tuple[Record, Any]:
+    """Return the record of an episode until it ends, and the success of each step.
+
+    Raises:
+        PlantError: If f is not a number at the start.
+    """
+    t, x, y, lengths, u, usable, y_end = found
+    task, starts = env.task, np.concatenate([[0], np.cumsum(lengths[:steps])])
+    x = x[: starts[-1] + 1]
+    finite = np.isfinite(x).all(axis=1)
+    kept = len(x) if finite.all() else int(np.argmin(finite))
+    with np.errstate(all="ignore"):  # a rule that takes all states at once sees those after the end, too
+        unsafe = task.first_unsafe(x[1:kept]) if kept > 1 else None
+    stopped = kept < len(x) or unsafe is not None
+    kept = kept if unsafe is None else unsafe + 2
+    # The period of the last row, of which the start belongs to the one before, unless nothing else is left.
+    steps = int(np.searchsorted(starts, kept - 1 + (unsafe is None and kept < len(x)), side="left"))
+    if kept == steps == 1:
+        check_rate(env.plant, task.x0, u[0], task.disturbance(0.0))
+    y = y[:kept].copy()
+    if kept - 1 == starts[steps]:  # the end of a period, after which no input is decided
+        y[-1] = y_end[steps - 1]
+    lengths = np.diff(np.minimum(starts[: steps + 1], kept - 1))
+    record = Record(
+        t=t[:kept],
+        x=x[:kept],
+        u=np.concatenate([np.repeat(u[:steps], lengths, axis=0), u[steps - 1 : steps]]),
+        t_control=t[starts[:steps]],
+        u_control=u[:steps],
+        y_ref=refs[:steps],
+        channels=env.channels,
+        end=End.UNSAFE if stopped else End.TIME_UP,
+        y=y,
+    )
+    return record, usable[:steps]
+
+
+# --- A closed loop as a source, and the rollout of any controller in any environment.
 
 
 class ClosedLoopEnv(Protocol):

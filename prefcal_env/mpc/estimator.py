@@ -11,9 +11,8 @@ from prefcal_env.experiments.experiment import Measurement, Move
 from prefcal_env.plants.jacobians import D, U, Y
 from prefcal_env.plants.plant import Disturbed, Plant
 
-from . import filter as kernels
+from . import kernels
 from .controller import LinearMPC, MPCSettings
-from .kernels import discretize
 
 _PIECES = 4  # pieces of a sampling period, each linearized in its middle, for strongly nonlinear plants
 
@@ -253,7 +252,7 @@ class DisturbanceEstimator:
         n = len(self._P0)
         start = StateEstimate(np.concatenate([m.x, np.zeros(n - len(m.x))]), self._P0)
         A_c, C = self._filter.linearized(start, m.u, d)
-        A = discretize(A_c, np.zeros((n, 0)), np.zeros(n), self._filter.T_s)[0]
+        A = kernels.discretize(A_c, np.zeros((n, 0)), np.zeros(n), self._filter.T_s)[0]
         # Lemma 1: what stays at rest, (A - 1) v = 0, and is not seen, C v = 0, cannot be estimated.
         matrix = np.concatenate([A - np.eye(n), C])
         norms = np.linalg.norm(matrix, axis=0)

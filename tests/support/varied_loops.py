@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from prefcal_env.envs.varied_plant import at_rest
+from prefcal_env.envs.varied_loop import at_rest
 from prefcal_env.sources.varied import draw
 from prefcal_scenarios import load
 

@@ -1,6 +1,5 @@
 """Live plants: prefcal writes θ, starts, records and restores the old θ, after a confirmation."""
 
-from .description import live_rig as live_rig
 from .drive import Driven as Driven
 from .opcua import OPCUAPlant as OPCUAPlant
 from .plan import Journal as Journal
@@ -9,3 +8,4 @@ from .plan import LivePlant as LivePlant
 from .plan import LiveStart as LiveStart
 from .plan import Tag as Tag
 from .rig import LiveRig as LiveRig
+from .rig import live_rig as live_rig

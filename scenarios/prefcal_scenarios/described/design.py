@@ -13,7 +13,7 @@ from scipy.linalg import eigvals
 from prefcal_env.controllers.margins import minimal
 from prefcal_env.controllers.pid import ProcessModel, Tuning
 from prefcal_env.envs.plant_env import dead_times
-from prefcal_env.envs.varied_plant import rest
+from prefcal_env.envs.varied_loop import rest
 from prefcal_env.errors import PlantError, ScenarioError
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.plants.jacobians import D, U, X
@@ -253,6 +253,7 @@ def process_of(J: LinearSystem, delay: float = 0.0) -> ProcessModel:
         integrators=integrators,
         lags=tuple(sorted((1 / np.abs(others)).tolist(), reverse=True)),
         inverse=tuple((1 / np.abs(zeros[zeros.real > 0])).tolist()),
+        leads=tuple((1 / np.abs(zeros[(zeros.real < 0) & (zeros != 0)])).tolist()),
         delay=delay + waiting * M.dt,
         unstable=bool((others.real > 0).any()),
         damping=float((-swinging.real / np.abs(swinging)).min(initial=1.0)),
@@ -329,6 +330,7 @@ def _zeros(M: LinearSystem) -> Complex[np.ndarray, " k"]:
 
 SAMPLES = 5
 """Samples in the effective dead time or the shortest time constant that matters."""
+_HIDDEN = 3.0  # ratio of a lag and a zero below which they about cancel
 _SHARE = 0.2  # share of the input's range that a default step needs at rest
 _PATIENCE = 2.2  # duration of a phase, in the time that the tuning in the middle takes to settle
 _MOST = 1200  # largest number of samples in an experiment
@@ -557,6 +559,11 @@ def _allowed(plant: Plant, T_s: float) -> float:
 def _scale(process: ProcessModel) -> float:
     """Return the time that limits control: dead time and small lags, or a share of large ones."""
     lags = [np.inf] * process.integrators + list(process.lags)
+    for lead in process.leads:
+        # A slow mode that a zero nearly hides does not slow down control.
+        hidden = min(lags, key=lambda lag: abs(np.log(lag / lead)), default=np.inf)
+        if len(lags) > 1 and hidden < _HIDDEN * lead and lead < _HIDDEN * hidden:
+            lags.remove(hidden)
     small = process.delay + sum(process.inverse) + sum(lags[3:]) + (lags[2] / 2 if lags[2:] else 0)
     shares = [small] + [s * T for s, T in zip((0.03, 0.1), lags[:2], strict=False) if np.inf > T]
     if len(lags) == 1 and lags[0] < np.inf:

@@ -14,7 +14,7 @@ from prefcal_env.controllers.stored import as_data
 from prefcal_env.envs.closed_loop import ClosedLoop
 from prefcal_env.envs.plant_env import PlantEnv, delays_of
 from prefcal_env.envs.task import StepSignal, Task
-from prefcal_env.envs.varied_plant import at_target, sample_of
+from prefcal_env.envs.varied_loop import at_target, sample_of
 from prefcal_env.errors import PlantError, ScenarioError
 from prefcal_env.experiments.events import staying_time
 from prefcal_env.experiments.experiment import Channel, Controller, Experiment

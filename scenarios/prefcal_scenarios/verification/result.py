@@ -24,8 +24,8 @@ from prefcal_env.envs.varied_loop import (
     STEP,
     STEPPED,
     TURN,
+    at_target,
 )
-from prefcal_env.envs.varied_plant import at_target
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import End
 from prefcal_env.plain import from_plain, to_plain

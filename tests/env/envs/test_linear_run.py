@@ -6,8 +6,7 @@ import pytest
 from prefcal_env import Channel, End, FunctionPlant, Move, Plant, rollout
 from prefcal_env.compiling import of_linear_runs
 from prefcal_env.controllers.pid import PID, Decentralized
-from prefcal_env.envs.closed_loop import ClosedLoop
-from prefcal_env.envs.linear_run import linear_run
+from prefcal_env.envs.closed_loop import ClosedLoop, linear_run
 from prefcal_env.envs.plant_env import PlantEnv
 from prefcal_env.envs.task import StepSignal, Task
 from prefcal_env.envs.varied_loop import Worn

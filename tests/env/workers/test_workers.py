@@ -12,7 +12,7 @@ import pytest
 
 from prefcal_env.errors import RunError
 from prefcal_env.workers import GRACE, Pool, Terms, Worker, in_time, run_all, usable_cores
-from prefcal_env.workers import pool as pool_module
+from prefcal_env.workers import worker as worker_module
 from support import worker_tasks as tasks
 from support.processes import is_running, wait_until
 
@@ -163,11 +163,11 @@ def test_work_that_cannot_be_loaded_is_an_error(pool, monkeypatch, how, words):
 
 def test_the_time_limit_of_a_gentle_pool_follows_the_usual_time(pool, monkeypatch):
     made = pool(jobs=1, terms=Terms(gentle=True))
-    assert made.limit == pool_module._UNKNOWN
+    assert made.limit == worker_module._UNKNOWN
     for _ in range(5):  # one by one: results that arrive together are timed together
         run(made, ("double", 1))
-    assert made.limit == pool_module._SHORTEST
-    monkeypatch.setattr(pool_module, "_SHORTEST", 0.0)
+    assert made.limit == worker_module._SHORTEST
+    monkeypatch.setattr(worker_module, "_SHORTEST", 0.0)
     assert made.limit < 1.0
     assert pool(limit=2.0, terms=Terms(gentle=True)).limit == 2.0
 

@@ -57,6 +57,16 @@ def test_the_ranges_hold_the_tunings_of_known_rules(name):
         assert np.all((inside > 0) & (inside < 1))
 
 
+@pytest.mark.parametrize("slow", [50.0, 300.0])
+def test_a_slow_mode_that_a_zero_hides_does_not_slow_down_sampling(slow):
+    # 0.9/(s + 1) + 0.1/(slow s + 1): nine tenths of the response are those of the fast lag.
+    num, den = [0.9 * slow + 0.1, 1.0], np.convolve([1, 1], [slow, 1])
+    both = pid_scenario(Plant.of((num, den), delay=0.2)).run.kpis.design
+    assert both.T_s == pid_scenario(Plant.of(([0.9], [1, 1]), delay=0.2)).run.kpis.design.T_s == 0.05
+    # Without the zero it is the slow mode that is controlled.
+    assert pid_scenario(Plant.of(([1.0], den), delay=0.2)).run.kpis.design.T_s >= 0.2
+
+
 def test_a_sensitivity_peak_above_2_misses_an_objective():
     scenario = pid_scenario(PLANTS["lag with dead time"])
     peak = scenario.kpis[-1]

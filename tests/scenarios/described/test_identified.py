@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_env.envs.varied_plant import factors_of, varied_plant
+from prefcal_env.envs.varied_loop import factors_of, varied_plant
 from prefcal_env.errors import RecordError, ScenarioError, SettingsError
 from prefcal_env.plants.explained import Model
 from prefcal_env.plants.systems import LinearPlant

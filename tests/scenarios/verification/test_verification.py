@@ -20,8 +20,7 @@ from prefcal_env import (
 )
 from prefcal_env.controllers.margins import MarginKPIs, margins
 from prefcal_env.disk import digest_of
-from prefcal_env.envs.varied_loop import Worn
-from prefcal_env.envs.varied_plant import ScaledPlant, factors_of, varied_plant
+from prefcal_env.envs.varied_loop import ScaledPlant, Worn, factors_of, varied_plant
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Channel, End, Measurement, Move
 from prefcal_env.plants.plant import Disturbed, Plant
