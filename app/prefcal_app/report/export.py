@@ -48,7 +48,7 @@ class BestTuning:
 
     scenario: Scenario  # scenario, with the ranges of the study
     theta: Float[np.ndarray, " n"]  # tuning, physical, shape (n,)
-    # what it was compared with, shape (n,); None if the file does not say
+    # what it was compared with, shape (n,); None if the file does not say, or it is this one
     before: Float[np.ndarray, " n"] | None
     baseline: str  # what that is, such as "current tuning"
     kpis: Mapping[str, float]  # its KPIs in the study; those that are not finite are left out
@@ -306,6 +306,8 @@ def tuning_of(path: str | Path) -> BestTuning:
     before = content.get("before", {})
     start = before.get("theta")
     known = None if start is None else _values(scenario, start, path)
+    if known is not None and (known == theta).all():
+        known = None  # its runs would say all twice
     kpis = {name: value for name, value in content.get("kpis", {}).items() if is_number(value)}
     source, end = _source(content, path), _end(content, path)
     robust = content.get("study", {}).get("robust") == "yes"

@@ -389,7 +389,6 @@ def verify_best(
     if limits is None:
         limits = () if (there := _there(best.parent)) is None else there.limits
     tuning = _limited(tuning, limits, timeout)
-    stays = tuning.before is None or np.array_equal(tuning.before, tuning.theta)  # no run twice
     if tuning.scenario.source.asks:
         found = unvaried(tuning.scenario, tuning.theta, tuning)
     else:
@@ -397,7 +396,7 @@ def verify_best(
             tuning.scenario,
             tuning.theta,
             runs,
-            start=None if stays else tuning.before,
+            start=tuning.before,
             noise=tuning.seed,
             ranges=ranges,
             jobs=jobs,

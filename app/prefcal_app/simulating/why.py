@@ -13,7 +13,7 @@ from prefcal_agents.screening.agent import MOST, Certificate
 from prefcal_agents.screening.bank import ENOUGH
 from prefcal_agents.screening.findings import Alternative, Findings, Reason, RobustResult
 from prefcal_app.summary import Spread, compare
-from prefcal_env.envs.varied_plant import sample_of
+from prefcal_env.envs.varied_loop import sample_of
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.sources.source import env_of, plant_of
