@@ -20,6 +20,7 @@ _FEWEST = 30
 _MOST = 1500  # rows that are used: of longer records, means over equal times
 _LARGEST = 1e100  # size of numbers above which their products may overflow
 _AFTER = 10  # fewest rows after the first change of the input
+_SPIKE = 12.0  # times the usual change from row to row that a spike is away from the rows around it
 _FLAT = 0.05  # share of the record for which an output may rest at its very highest or lowest value
 _AT_REST, _UNEXPLAINED, _VISIBLE = 10, 3.0, 0.02
 """Fewest rows before the first change that show the noise; how far what is left may exceed that noise, and
@@ -41,7 +42,15 @@ def _checked(t: ArrayLike, u: ArrayLike, y: ArrayLike) -> tuple[np.ndarray, np.n
     if not (at.ndim == 1 and at.shape == u_.shape == y_.shape):
         raise RecordError(f"t, u and y must be as long as each other, got {[c.shape for c in columns]}")
     if len(at) < _FEWEST:
-        raise RecordError(f"a record needs {_FEWEST} rows or more to tell a model, got {len(at)}: log faster")
+        steps = np.diff(at) if len(at) > 2 else np.zeros(1)
+        uneven = (
+            f". They are {steps.min():g} to {steps.max():g} apart, as where a historian keeps only changes: "
+            "log without its dead band and compression"
+        )
+        raise RecordError(
+            f"a record needs {_FEWEST} rows or more to tell a model, got {len(at)}: log faster"
+            + (uneven if np.ptp(steps) > np.median(steps) else "")
+        )
     for name, column in zip(("time", "input", "output"), columns, strict=True):
         bad = np.flatnonzero(~np.isfinite(column))
         if len(bad):
@@ -56,6 +65,7 @@ def _checked(t: ArrayLike, u: ArrayLike, y: ArrayLike) -> tuple[np.ndarray, np.n
     back = np.flatnonzero(np.diff(at) <= 0)
     if len(back):
         raise RecordError(f"time must increase, but does not after row {back[0] + 1}: sort the rows")
+    _check_spikes(at, u_, y_)
     at, u_, y_ = _equally_spaced(at, u_, y_)
     _check_input(u_)
     _check_saturation(at, u_, y_)
@@ -98,6 +108,39 @@ def _equally_spaced(
     return t, u, y
 
 
+def _check_spikes(t: Float[np.ndarray, " K"], u: Float[np.ndarray, " K"], y: Float[np.ndarray, " K"]) -> None:
+    """Refuse up to three rows of an output between two that agree, far from both, where the input rests."""
+    size = float(np.ptp(np.quantile(y, (0.05, 0.95))))
+    far = max(_SPIKE * float(np.median(np.abs(np.diff(y)))), 0.2 * size)
+    found = dict[int, float]()  # rows, and the value before them
+    for wide in (1, 2, 3):
+        a, b = y[: -wide - 1], y[wide + 1 :]
+        inner = np.lib.stride_tricks.sliding_window_view(y[1:-1], wide)
+        off = np.minimum(np.abs(inner - a[:, None]), np.abs(inner - b[:, None])).min(axis=1)
+        for k in np.flatnonzero((off > far) & (off > 0) & (np.abs(a - b) < far / 2)).tolist():
+            if np.ptp(u[max(k - 4, 0) : k + wide + 1]) == 0:
+                found |= dict.fromkeys(range(k + 1, k + 1 + wide), float(y[k]))
+    if found:
+        first = min(found)
+        rows = f"{len(found)} rows are" if len(found) > 1 else "1 row is"
+        raise RecordError(
+            f"the output has spikes: {rows} far from those around, the first at {t[first]:g} ({y[first]:g} "
+            f"after {found[first]:.4g}). No plant moves so: delete these rows from the file, gaps are filled"
+        )
+
+
+def _held(y: Float[np.ndarray, " K"]) -> str:
+    """Return that an output mostly repeats its value and then moves far, in words; "" if it does not."""
+    moves = np.abs(np.diff(y))
+    still, least = int(np.sum(moves == 0)), float(np.min(moves[moves > 0], initial=np.inf))
+    if 2 * still <= len(y) or not 0.02 * np.ptp(y) < least < np.inf:
+        return ""
+    return (
+        f"the output repeats its value in {still} of {len(y)} rows and then moves by {least:.3g} or more: a "
+        "dead band of the historian, or a coarse sensor. Log without dead band and compression"
+    )
+
+
 def _check_saturation(
     t: Float[np.ndarray, " K"], u: Float[np.ndarray, " K"], y: Float[np.ndarray, " K"]
 ) -> None:
@@ -110,6 +153,8 @@ def _check_saturation(
         for start, stop in zip(starts.tolist(), ends.tolist(), strict=True):
             long = stop - start >= max(_AFTER, _FLAT * len(y))
             if long and start > first and abs(end - y[max(start - near, 0)]) > 0.05 * size:
+                if held := _held(y):
+                    raise RecordError(held)
                 raise RecordError(
                     f"the output is saturated: from {t[start]:g} on it rests at {end:g}, the {word} value of "
                     "the record, which it ran into. Cut the record before, or repeat it with a smaller step"
@@ -317,6 +362,8 @@ def _notes(
             "answered noise and loads: trust the model only if the set point stepped, and by more than the "
             "noise."
         )
+    if held := _held(y):
+        yield f"{held[:1].upper()}{held[1:]}: until then, trust the numbers less than their intervals say."
     at_rest = y[: int(np.argmax(u != u[0]))]
     if len(at_rest) < _AT_REST:
         return

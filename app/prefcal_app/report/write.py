@@ -386,8 +386,7 @@ def verify_best(
     folder_for(best.parent)
     if tuning.own and timeout is None:
         timeout = DEFAULT_LIMIT
-    if limits is None:
-        limits = () if (there := _there(best.parent)) is None else there.limits
+    limits = _kept_limits(best.parent) if limits is None else tuple(limits)
     tuning = _limited(tuning, limits, timeout)
     if tuning.scenario.source.asks:
         found = unvaried(tuning.scenario, tuning.theta, tuning)
@@ -403,10 +402,8 @@ def verify_best(
             timeout=timeout,
             progress=progress,
         )
-    said = _said(found, tuning, best, f"{clock(UTC):%Y-%m-%d %H:%M} UTC")
-    words = [*(("--runs", str(runs)) if runs != RUNS else ()), *_options("--limit", limits)]
-    words += _options("--range", (f"{name}={_typed(change)}" for name, change in (ranges or {}).items()))
-    said = _offering(replace(said, limits=tuple(limits)), found, ["prefcal", "verify", str(best), *words])
+    said = replace(_said(found, tuning, best, f"{clock(UTC):%Y-%m-%d %H:%M} UTC"), limits=limits)
+    said = _offering(said, found, _command(best, runs, limits, ranges or {}))
     if beside := written_beside(said, best.parent):
         said.write(best.parent, beside)
     else:
@@ -421,6 +418,13 @@ def _limited(tuning: BestTuning, limits: Sequence[str], timeout: float | None) -
         run = VerifiedRun({}, tuning.seed, tuning.end, {})
         scenario = with_found_kpis(scenario, replays(scenario, tuning.theta, [run], timeout)[0])
     return replace(tuning, scenario=limited(scenario, limits))
+
+
+def _command(best: Path, runs: int, limits: Sequence[str], ranges: Ranges) -> list[str]:
+    """Return the words that verify a best.json again in the same way."""
+    words = [*(("--runs", str(runs)) if runs != RUNS else ()), *_options("--limit", limits)]
+    words += _options("--range", (f"{name}={_typed(change)}" for name, change in ranges.items()))
+    return ["prefcal", "verify", str(best), *words]
 
 
 def _options(flag: str, values: Iterable[str]) -> list[str]:
@@ -466,6 +470,11 @@ def _there(folder: Path) -> Verified | None:
     with suppress(ScenarioError):
         return Verified.read(folder)
     return None
+
+
+def _kept_limits(folder: Path) -> tuple[str, ...]:
+    """Return the limits that were stated for the verification in a folder, as typed."""
+    return () if (there := _there(folder)) is None else there.limits
 
 
 def _keep(said: Verified, found: Verification, tuning: BestTuning, best: Path, timeout: float | None) -> None:

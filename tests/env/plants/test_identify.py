@@ -1,5 +1,7 @@
 """Identify a plant: the true one is in the intervals, and a record that does not tell is refused."""
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -182,6 +184,40 @@ def test_a_response_that_drowns_in_noise_is_refused():
     noise = np.random.default_rng(8).standard_normal(N)
     with pytest.raises(RecordError, match=r"does not tell: .* Log for longer"):
         identify(TIME, STEPPED, noise)
+
+
+def held(y, band):
+    """What a historian keeps that stores a value only if it moved by more than a band."""
+    kept = [y[0]]
+    for value in y[1:]:
+        kept.append(value if abs(value - kept[-1]) > band else kept[-1])
+    return np.array(kept)
+
+
+def test_a_dead_band_of_a_historian_is_said():
+    found = identify(TIME, STEPPED, held(output(), 0.3), count=20)
+    assert re.match(
+        r"The output repeats its value in 2\d\d of 300 rows and then moves by 0.3", found.notes[0]
+    )
+    with pytest.raises(RecordError, match=r"dead band of the historian, or a coarse sensor\. Log without"):
+        identify(TIME, STEPPED, held(output(), 3.0), count=20)
+    y = held(output(), 1.5)
+    rows = np.flatnonzero(np.diff(y, prepend=0.0) + np.diff(STEPPED, prepend=0.0))
+    with pytest.raises(RecordError, match=r"apart, as where a historian keeps only changes: log without"):
+        identify(TIME[rows], STEPPED[rows], y[rows], count=20)
+
+
+def test_spikes_are_named_and_without_them_the_record_tells_its_plant(found):
+    y = output()
+    y[[100, 101, 102, 200]] = 999.0, 999.0, 999.0, 0.0
+    with pytest.raises(RecordError, match=r"4 rows are far .* at 100 \(999 after 61.*\).* delete these rows"):
+        identify(TIME, STEPPED, y, count=20)
+    rows = np.abs(y - 60) < 30
+    gain = identify(TIME[rows], STEPPED[rows], y[rows], count=20)
+    assert gain.models[gain.best].numbers["gain"] == pytest.approx(GAIN, rel=0.02)
+    y = output()
+    y[150] += 1.0  # less than a fifth of what the output moves by: noise, for all that is known
+    identify(TIME, STEPPED, y, count=20)
 
 
 def test_an_output_that_settles_and_is_rounded_is_not_taken_for_saturated():
