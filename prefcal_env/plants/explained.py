@@ -162,7 +162,7 @@ FAMILIES = (
 
 # --- How well a model explains the record.
 
-_DRIFT = 0.1  # usual drift over the record, as a share of the output's range; as probable as none
+_DRIFT = 0.1  # usual drift over the record, as a share of the output's range
 COUNTS = 0.7  # how much of a row counts, since no plant is quite like a model: else too little stays open
 FLOOR = 0.002  # error of any model, as a share of the output's range: no plant is quite linear
 _GAIN, _ZERO, _OFFSET = 3.0, 1.0, 10.0
@@ -171,7 +171,7 @@ _GAIN, _ZERO, _OFFSET = 3.0, 1.0, 10.0
 
 @dataclass(frozen=True, slots=True)
 class Explained:
-    """What of the linear coefficients follows from the record, with or without drift."""
+    """What of the linear coefficients follows from the record."""
 
     evidence: float  # logarithm of the density of the record, but for a constant
     own: Float[np.ndarray, " k"]  # means of coefficients that are independent, root.T times ours
@@ -208,47 +208,33 @@ class Scaled:
         """Return differences whose errors are independent of each other."""
         return np.asarray(rows[..., 1:] - self.lasting * rows[..., :-1])
 
-    def explained(self, family: Family, shape: Shape) -> tuple[Explained, Explained]:
-        """Return how well a shape explains the record, without and with drift.
+    def explained(self, family: Family, shape: Shape) -> Explained:
+        """Return how well a shape explains the record.
 
         Source: Bishop (2006), Pattern Recognition and Machine Learning, eq. (3.118) of exercise 3.23: the
         evidence of the linear model with its normal-gamma prior, the variance of the noise integrated out.
         Deviation: the prior knows the sizes of the coefficients, so their precision in units of the noise
         is that of an estimate, `variance`; a row counts as `COUNTS` of one; a_0 is 0, b_0 half of a floor.
         """
-        X, y = self.white(self.rows(family, shape)), self.white(self.y)
-        n, M, v = COUNTS * len(y), COUNTS * X @ X.T, COUNTS * X @ y
+        X, y = (COUNTS**0.5 * self.white(each) for each in (self.rows(family, shape), self.y))
+        n = COUNTS * len(y)
         floor = n * FLOOR**2 * (1 - self.lasting) ** 2
-        yy = COUNTS * float(y @ y) + floor
-        sizes = np.array([*[_GAIN, _ZERO][: family.terms], _OFFSET, _DRIFT])
-        wide = self.variance / sizes**2
-        root = np.linalg.cholesky(M + np.diag(wide))
-        own = np.linalg.solve(root, v)
-        volumes = (2 * np.log(root.diagonal()) - np.log(wide)).cumsum()
-        rests = np.maximum(yy - (own * own).cumsum(), floor)
-        evidences = -0.5 * volumes - 0.5 * n * np.log(rests)
-        # Drift is the last coefficient, so that all without it are the first rows of the same root.
-        made = [
-            Explained(float(evidences[k - 1]), own[:k], root[:k, :k], float(rests[k - 1]))
-            for k in (len(X) - 1, len(X))
-        ]
-        return made[0], made[1]
-
-    def fitted(self, family: Family, shape: Shape) -> tuple[Explained, Float[np.ndarray, " K"]]:
-        """Return the more probable explanation, with drift or without, and its output."""
-        found = max(self.explained(family, shape), key=lambda each: each.evidence)
-        return found, found.mean @ self.rows(family, shape)[: len(found.mean)]
+        # Any record may drift. To allow none at all as well would make slow lags of small drifts.
+        wide = self.variance / np.array([*[_GAIN, _ZERO][: family.terms], _OFFSET, _DRIFT]) ** 2
+        root = np.linalg.cholesky(X @ X.T + np.diag(wide))
+        own = np.linalg.solve(root, X @ y)
+        rest = max(float(y @ y - own @ own) + floor, floor)
+        volume = 2 * np.log(root.diagonal()).sum() - np.log(wide).sum()
+        return Explained(float(-0.5 * volume - 0.5 * n * np.log(rest)), own, root, rest)
 
     def density(self, family: Family, shape: Shape) -> float:
         """Return the logarithm of the density of a shape given the record, -inf outside of the family."""
         low, high = family.box(self.latest)
         if not (np.all(low <= shape) and np.all(shape <= high)):
             return -np.inf
-        without, drifts = self.explained(family, shape)
-        both = np.logaddexp(without.evidence, drifts.evidence)
         # Lags are as probable in each decade; so is dead time above a fiftieth of the record.
         prior = -np.log(high[:-1] - low[:-1]).sum() - np.log(shape[-1] + 0.02)
-        return float(both + prior)
+        return float(self.explained(family, shape).evidence + prior)
 
 
 # --- Search the best shape of each family, then weigh shapes around it until they are a fair sample.
@@ -270,20 +256,19 @@ def _improved(
     from scipy.optimize import minimize
 
     low, high = family.box(record.latest)
-    widths, found = high - low, []
-
-    def loss(z: Shape) -> float:
-        # Inside the box, since what is outside has no density to go by.
-        inside = np.clip(z, 0.0, 1.0)
-        return -record.density(family, low + widths * inside) + 1e3 * float(np.abs(z - inside).sum())
-
+    found = []
     for start in starts:
-        z = (start - low) / widths
-        steps = np.where(z > 0.5, -0.04, 0.04) * np.eye(len(z))
-        simplex = np.vstack([z, z + steps])
-        options = {"initial_simplex": simplex, "xatol": 0.01 * ends[1], "fatol": ends[1], "maxiter": ends[0]}
-        made = minimize(loss, z, method="Nelder-Mead", options=options)
-        found.append((float(made.fun), low + widths * np.clip(made.x, 0.0, 1.0)))
+        inward = np.where(start > (low + high) / 2, -0.04, 0.04) * (high - low)
+        simplex = np.vstack([start, start + np.diag(inward)])
+        options = {"initial_simplex": simplex, "xatol": np.inf, "fatol": ends[1], "maxiter": ends[0]}
+        made = minimize(
+            lambda shape: -record.density(family, shape),
+            start,
+            method="Nelder-Mead",
+            bounds=np.column_stack([low, high]),
+            options=options,
+        )
+        found.append((float(made.fun), made.x))
     return [shape for _, shape in sorted(found, key=lambda each: each[0])]
 
 
@@ -401,8 +386,8 @@ def _likely(record: Scaled, modes: Mapping[Family, Sequence[Shape]], behind: flo
 def _with_noise(record: Scaled, modes: Mapping[Family, Sequence[Shape]]) -> Scaled:
     """Return the record with the noise that the best fit leaves, and how long it lasts."""
     family = max(modes, key=lambda each: record.density(each, modes[each][0]))
-    found, fit = record.fitted(family, modes[family][0])
-    left, n = record.y - fit, len(fit)
+    found = record.explained(family, modes[family][0])
+    left, n = record.y - found.mean @ record.rows(family, modes[family][0]), len(record.y)
     lasting = float(np.clip(left[1:] @ left[:-1] / max(left @ left, 1e-300), 0.0, 0.98))
     variance = max(found.rest / (COUNTS * n), FLOOR**2)
     return replace(record, lasting=lasting if lasting > 2 / np.sqrt(n) else 0.0, variance=variance)

@@ -266,9 +266,7 @@ def _drawn(
 ) -> Model:
     """Return a model drawn from those that explain the record."""
     shape = weighed.shapes[rng.choice(len(weighed.shapes), p=weighed.weights)]
-    without, drifts = record.explained(weighed.family, shape)
-    with_drift = np.log(rng.random()) < drifts.evidence - np.logaddexp(without.evidence, drifts.evidence)
-    found = drifts if with_drift else without
+    found = record.explained(weighed.family, shape)
     size = np.sqrt(found.rest / rng.chisquare(COUNTS * len(record.y)))
     own = np.linalg.solve(found.root.T, found.own + size * rng.standard_normal(len(found.own)))
     return _model(
@@ -281,9 +279,8 @@ def _best(
 ) -> tuple[Model, Float[np.ndarray, " K"], float]:
     """Return a family's typical model, its output in units of the record, and the drift."""
     family, shape = found.family, found.typical
-    likely, fit = record.fitted(family, shape)
-    drift = float(likely.mean[-1]) if len(likely.mean) > family.terms + 1 else 0.0
-    return _model(family, shape, likely.mean[: family.terms], units), fit, drift
+    own = record.explained(family, shape).mean
+    return _model(family, shape, own[: family.terms], units), own @ record.rows(family, shape), float(own[-1])
 
 
 def _by_difficulty(models: Sequence[Model], best: Model) -> list[Model]:

@@ -81,12 +81,11 @@ def _numbers(found: Found) -> Table:
 def _conditions(found: Found, made: Identified) -> tuple[str, ...]:
     """Return what the model holds for, a sentence each."""
     (u, y), (of_u, of_y), (low, high) = found.start, found.units, found.limits
-    drift = f", drift of {_quantity(made.drift, of_y)}" if made.drift else ""
     start = f"{found.output} = {_quantity(y, of_y)} and {found.input} = {_quantity(u, of_u)}"
     return (
         f"Each interval is over those of {len(found.models)} models, which explain the record about as well, "
         "that have the number.",
-        f"Noise of {_quantity(made.noise, of_y)}{drift}.",
+        f"Noise of {_quantity(made.noise, of_y)}, drift of {_quantity(made.drift, of_y)} over the record.",
         f"The plant is linear around the start, {start}; {found.input} may reach "
         f"{number(low)} to {_quantity(high, of_u)} (--limits).",
     )

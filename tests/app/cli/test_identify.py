@@ -37,7 +37,7 @@ def test_columns_units_limits_and_picture_can_be_named(done, tmp_path):
     assert said.startswith("T2 by MV, 200 rows")
     assert "MV may reach 20 to 80 (--limits)" in said
     assert "Noise of 0.0" in said
-    assert " K." in said
+    assert " K over the record." in said
     assert (tmp_path / "look.png").is_file()
 
 

@@ -82,12 +82,18 @@ def test_the_density_is_highest_for_the_family_and_shape_that_made_the_record():
     assert record.density(lag, np.array([0.0, -0.01])) == -np.inf
 
 
-def test_drift_is_believed_where_the_record_has_it_and_only_there():
+@pytest.mark.parametrize("drift", [0.0, 0.02, 0.1])
+def test_drift_and_gain_are_told_apart_by_the_rows_before_the_step(drift):
     u = np.where(np.arange(400) < 40, 0.0, 1.0)
     lag, shape = FAMILIES[0], np.array([np.log(0.05), 0.05])
     noise = 0.01 * np.random.default_rng(1).standard_normal(400)
     y = respond(Model(lag.name, (1.0,), tuple(lag.den(shape)), 0.05), 1 / 399, u) + noise
-    for drift in (0.0, 0.1):
-        moved = y + drift * np.linspace(-0.5, 0.5, 400)
-        without, drifts = Scaled(1 / 399, u, moved - moved.mean(), 0.8).explained(lag, shape)
-        assert (drifts.evidence > without.evidence) == bool(drift)
+    moved = y + drift * np.linspace(-0.5, 0.5, 400)
+    found = Scaled(1 / 399, u, moved - moved.mean(), 0.8, variance=1e-4).explained(lag, shape)
+    gain, _, slope = found.mean
+    # Of each, the deviation given the record: gain and drift together move the same rows.
+    of_gain, _, of_slope = 0.01 * np.sqrt(np.linalg.inv(found.root @ found.root.T).diagonal())
+    assert of_gain < 0.005
+    assert of_slope < 0.005
+    assert abs(gain - 1.0) < 3 * of_gain
+    assert abs(slope - drift) < 3 * of_slope
