@@ -475,7 +475,7 @@ def _kept_limits(folder: Path) -> tuple[str, ...]:
 
 
 def _keep(said: Verified, found: Verification, tuning: BestTuning, best: Path, timeout: float | None) -> None:
-    """Write what a verification says; unless it is beside another, draw its worst runs, and complete pages."""
+    """Write what a verification says; unless that is beside another, complete the pages with it."""
     beside = written_beside(said, best.parent)
     said.write(best.parent, beside or VERIFICATION)
     if beside:
