@@ -404,10 +404,7 @@ def verify_best(
         )
     said = replace(_said(found, tuning, best, f"{clock(UTC):%Y-%m-%d %H:%M} UTC"), limits=limits)
     said = _offering(said, found, _command(best, runs, limits, ranges or {}))
-    if beside := written_beside(said, best.parent):
-        said.write(best.parent, beside)
-    else:
-        _keep(said, found, tuning, best, timeout)
+    _keep(said, found, tuning, best, timeout)
     return said
 
 
@@ -478,8 +475,11 @@ def _kept_limits(folder: Path) -> tuple[str, ...]:
 
 
 def _keep(said: Verified, found: Verification, tuning: BestTuning, best: Path, timeout: float | None) -> None:
-    """Write what a verification says, draw its worst runs, and complete sheet and report."""
-    said.write(best.parent)
+    """Write what a verification says; unless that is beside another, complete the pages with it."""
+    beside = written_beside(said, best.parent)
+    said.write(best.parent, beside or VERIFICATION)
+    if beside:
+        return
     _keep_loop(best.parent, tuning.scenario, [each.margins for each in (found.tuning, found.before) if each])
     for stale in best.parent.glob("worst_run_*.png"):
         stale.unlink(missing_ok=True)

@@ -194,7 +194,8 @@ def rival(found: Findings, scenario: Scenario, run: Callable[[int], Experiment])
         return ""
     rows = compare(run(found.best), run(other.reversed), scenario.shown_kpis, Spread())
     pairs = [
-        f"{row['title']} {with_unit(row['right']['text'], row['unit'])} (result: {row['left']['text']})"
+        f"{row['title']} {with_unit(row['right']['text'], row['unit'])} "
+        f"(result: {with_unit(row['left']['text'], row['unit'])})"
         for row in rows
         if row["size"]
     ]

@@ -115,7 +115,7 @@ def test_the_answer_that_carries_the_result_is_named():
     runs = {2: ran(t_f=4.0, final=2.0), 6: ran(t_f=5.0, final=2.0)}
     unit = next(kpi.unit for kpi in toy.kpis if kpi.name == "t_f")
     said = rival(found, toy, runs.__getitem__)
-    assert said == f"Experiment 7 has settling time t_f 5 {unit} (result: 4)."
+    assert said == f"Experiment 7 has settling time t_f 5 {unit} (result: 4 {unit})."
     assert rival(found, toy, {2: runs[2], 6: runs[2]}.__getitem__) == ""
     assert rival(replace(found, influences=()), toy, runs.__getitem__) == ""
     assert carried_by(None) == "No single answer that is in doubt would surely change the result."

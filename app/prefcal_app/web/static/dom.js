@@ -42,7 +42,7 @@ export const verdict = (met) => (typeof met !== "boolean" ? null : [el("span", {
 
 // Return a table of the server's view, with the unit at each value.
 export const shownTable = ({ columns, rows }) => table(columns.map(({ name }) => name), rows.map(({ name, aim, about, unit, cells }) => ({
-  title: about || null, cells: [[symbol(name), aim ? el("small", { class: "faint" }, ` (${aim})`) : null],
+  title: about || null, cells: [[symbol(name), aim ? el("small", { class: "faint" }, ` (${aim.replaceAll(" ", "\u00a0")})`) : null],
     ...cells.map(({ text, met, kind }) => el("span", { class: kind.split(" ").at(-1) }, withUnit(text, unit), verdict(met) ?? []))] })),
 { class: "kpi-table", kinds: ["", ...columns.slice(1).map(({ kind }) => (kind === "words" ? "" : "number"))] });
 

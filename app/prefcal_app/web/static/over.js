@@ -34,6 +34,11 @@ const figure = el("div", { class: "plot", role: "img" });
 const plots = new Plots(() => figure);
 plots.overlaid = true;
 DARK.addEventListener("change", () => plots.draw());
+SMALL.addEventListener("change", () => { // as where a phone is turned
+  if (figure.isConnected) size();
+  plots.draw();
+});
+const size = () => (figure.style.height = `${(SMALL.matches ? 1 : 1.25) * plots.least}px`);
 
 // Show the curves of the result over those before; they are drawn once there is room for them.
 function picture({ curves, table: { columns } }) {
@@ -41,7 +46,7 @@ function picture({ curves, table: { columns } }) {
   const [before, best] = columns.slice(1).map(({ name }) => name);
   plots.take(curves, curves.time_unit);
   figure.setAttribute("aria-label", `${best}: ${curves.left.stories.join(". ")}. ${before}: ${curves.right.stories.join(". ")}.`);
-  figure.style.height = `${(SMALL.matches ? 1 : 1.25) * plots.least}px`;
+  size();
   plots.draw();
   return [el("p", { class: "legend" }, el("span", { class: "key right" }, before), el("span", { class: "key left" }, best),
     curves.maneuver ? el("span", { class: "faint" }, curves.maneuver) : null), figure];
