@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -324,7 +324,7 @@ class Utilities:
         # A value at its limit keeps it, also where the logarithm and back added a last digit.
         excess = np.exp(x[beyond]) * (1 - 1e-9) - limits[beyond]
         found[beyond] = np.clip(np.ceil(excess / steps[beyond]), 0, 255)
-        return found
+        return np.asarray(found)
 
     def costs(self, logs: Float[np.ndarray, "*s m k"]) -> Float[np.ndarray, "s m"]:
         """Return the cost of m experiments in each draw, shape (s, m).
@@ -393,19 +393,15 @@ class Utilities:
             differences: How much better the preferred experiment is, or one of a tie, see `differences`.
             tie: Whether the answer is that they are alike, shape (a,).
         """
-        gain, error = self.gain(differences), self.errors
+        gain, error = self.gain(differences), self.errors[:, None]
         # Beyond 4, a difference is noticed for sure, to the last bit: most answers of a long study.
         close = ~(gain > 4.0)
         close[:, tie] = True
+        if 4 * np.count_nonzero(close) > close.size:  # to pick them takes a third of the time
+            return _log_answers(gain, (slice(None), tie), error)
         rows, answers = np.nonzero(close)
-        near = gain[close]
-        explained, even = notice_chance(near), tie[answers]
-        explained[even] = 1.0 - explained[even] - notice_chance(-near[even])
-        # A mistake is any of the three answers, so that no single one can rule out a draw.
-        explained *= 1.0 - error[rows]
-        explained += error[rows] / 3.0
-        found = np.broadcast_to(np.log(1.0 - error + error / 3.0)[:, None], gain.shape).copy()
-        found[close] = np.log(explained)
+        found = np.broadcast_to(np.log(1.0 - error + error / 3.0), gain.shape).copy()
+        found[rows, answers] = _log_answers(gain[rows, answers], tie[answers], self.errors[rows])
         return found
 
     @property
@@ -470,6 +466,18 @@ def _subtract(
     # Only whether a difference is noticed: a large one must not outweigh an earlier KPI.
     found[counted] = np.clip(np.trunc(found[counted]), -1, 1)
     return np.asarray(found)
+
+
+def _log_answers(
+    gain: Float[np.ndarray, "*shape"], tie: Any, error: Float[np.ndarray, "..."]
+) -> Float[np.ndarray, "*shape"]:
+    """Return the logarithm of the probability of answers, of which `tie` are ties, by rates of mistakes."""
+    explained, even = notice_chance(gain), gain[tie]
+    explained[tie] = 1.0 - notice_chance(even) - notice_chance(-even)
+    # A mistake is any of the three answers, so that no single one can rule out a draw.
+    explained *= 1.0 - error
+    explained += error / 3.0
+    return np.asarray(np.log(explained, out=explained))
 
 
 def notice_chance(gain: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
@@ -651,20 +659,22 @@ class _Told(NamedTuple):
         part: Int[np.ndarray, " q"],
         draw: Int[np.ndarray, " q"],
     ) -> tuple[Float[np.ndarray, " r"], Float[np.ndarray, "q a"]]:
-        """Return the largest log likelihood that draws `rows` can have, (r,), and the changed parts, (q, a).
+        """Return the largest log likelihood that draws `rows` can have, and what was changed.
 
-        Without other answers, it is the log likelihood. Parts `part` of the draws `draw` change.
+        They have the shapes (r,) and (q, a). Without other answers, it is the log likelihood. In `apart`,
+        parts `part` of the draws `draw` change.
         """
         (given, apart, others), counted = self, tried.counted[part, draw]
         changed = _subtract(tried.level(given.logs, part, draw), given.better, given.worse, counted)
-        after, some = apart.take(rows, axis=1), tried.take(rows)
-        after[part, np.searchsorted(rows, draw)] = changed
+        before, apart[part, draw] = apart[part, draw], changed
+        every = len(rows) == len(tried)
+        after, some = (apart, tried) if every else (apart.take(rows, axis=1), tried.take(rows))
         found = some.log_answers(after, given.tie) @ given.strength
         if (
             others
         ):  # None is more probable than one that is explained for sure. The last term covers rounding.
             found += others * np.log1p(-some.errors * 2.0 / 3.0) + 1e-6
-        return found, changed
+        return found, before
 
 
 def _move(
@@ -685,7 +695,7 @@ def _move(
     for _ in range(24):  # 40 brought nothing more: docs/research/screening.md
         # Orders stay orders here: the share of both kinds changes by repetition alone.
         new = Utilities.draw(scale, count, rng, utilities.ordered > 0, mistakes)
-        tried, rows = utilities.mutate(new, rng), np.arange(count)
+        tried, left = utilities.mutate(new, rng), np.ones(count, dtype=np.bool_)
         # A new shape always has a new just noticeable difference, so this finds the KPIs whose levels change.
         draw, kpi = np.nonzero(tried.steps != utilities.steps)
         stated = np.isfinite(tried.limits[draw, kpi])
@@ -693,17 +703,15 @@ def _move(
         # Proposals follow the prior, and weights a step that keeps it, so prior and proposal cancel.
         least, found = np.log(rng.random(count)) + likely, []
         for stage in stages:
-            here = np.isin(draw, rows)
-            part, draw = part[here], draw[here]
-            most, changed = stage.bound(tried, rows, part, draw)
-            found.append((stage.apart, part, draw, changed))
-            possible = most > least[rows]
-            rows, most = rows[possible], most[possible]
-        likely[rows] = most
-        accepted = np.bincount(rows, minlength=count) > 0
-        for apart, part, draw, changed in found:
-            apart[part[accepted[draw]], draw[accepted[draw]]] = changed[accepted[draw]]
-        utilities = utilities.where(accepted, tried)
+            part, draw, rows = part[left[draw]], draw[left[draw]], np.flatnonzero(left)
+            most, before = stage.bound(tried, rows, part, draw)
+            found.append((stage.apart, part, draw, before))
+            left[rows] = most > least[rows]
+        likely[left] = most[left[rows]]
+        for apart, part, draw, before in found:
+            refused = ~left[draw]
+            apart[part[refused], draw[refused]] = before[refused]
+        utilities = utilities.where(left, tried)
     return utilities
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from prefcal_agents import people
 from prefcal_agents.people import DRAWS, Lessons, Scale, Utilities, update
 from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_env.preferences.history import History
@@ -203,3 +204,16 @@ def test_old_answers_are_found_among_new_ones_and_kept_where_they_are_gone():
     found = united.log_probabilities(draws)
     assert np.array_equal(found[:, :4], new.log_probabilities(draws))
     assert np.array_equal(found[:, places], old.log_probabilities(draws))
+
+
+def test_what_few_answers_refuse_all_answers_refuse(monkeypatch):
+    pairs = np.random.default_rng(3).integers(0, len(BANK), (150, 2))
+    signs, ties = np.array(sure(pairs)), np.arange(len(pairs)) % 7 == 0
+    signs[::10] *= -1  # mistakes, which no draw explains
+    better, worse = np.where(signs > 0, pairs.T, pairs.T[::-1])
+    all_of_them = Lessons(SCALE(BANK), better, worse, ties, np.ones(len(pairs)))
+    found = [update(prior(), all_of_them.first(0), all_of_them, SCALE, np.random.default_rng(1))]
+    monkeypatch.setattr(people, "_TELLING", len(pairs))  # so that no answer comes before the others
+    found += [update(prior(), all_of_them.first(0), all_of_them, SCALE, np.random.default_rng(1))]
+    assert found[0].to_bytes() == found[1].to_bytes()
+    assert found[0].to_bytes() != prior().to_bytes()

@@ -245,3 +245,15 @@ def test_draws_are_taken_and_mixed_row_by_row():
 
 def test_a_difference_is_noticed_from_1_on():
     assert notice_chance(np.array([-5.0, 0.0, 1.0, 2.0, 1e30])) == pytest.approx([0, 0, 0.5, 1, 1], abs=0.002)
+
+
+def test_an_answer_is_as_probable_as_its_difference_is_noticed():
+    gains = np.array([-5.0, 1.0, 3.9, 4.1, 50.0, 0.0, 50.0])
+    tie = np.array([False] * 5 + [True] * 2)
+    (found,) = by_hand(errors=0.1).log_answers(gains.reshape(1, 1, -1), tie)
+    # One of ten answers is any of the three; one threshold is noticed every other time.
+    noticed = [0.1 / 3, 0.9 * 0.5 + 0.1 / 3, *[0.9 + 0.1 / 3] * 3]
+    assert np.exp(found[:5]) == pytest.approx(noticed, abs=1e-12)
+    # Without a difference, each side is noticed with 0.00135, three standard deviations away.
+    assert np.exp(found[5:]) == pytest.approx([0.9 * (1 - 2 * 0.00135) + 0.1 / 3, 0.1 / 3], abs=1e-5)
+    assert found[2] == found[4]  # to the last bit: most answers of a long study are not computed one by one
