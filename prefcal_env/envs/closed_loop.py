@@ -28,7 +28,7 @@ from prefcal_env.wording import brief, place_in_code
 from .linear_run import linear_run
 from .plant_env import PlantEnv
 from .task import Task
-from .varied_loop import STEP, VariedLoop, Worn, moves_of
+from .varied_loop import STEP, Moves, VariedLoop, Worn, moves_of
 
 
 class ClosedLoopEnv(Protocol):
@@ -208,7 +208,7 @@ class ClosedLoop:
         plant, task = env.plant, env.task
         # Only KPIs that can be measured around another step let the step vary.
         targets = getattr(self.kpis, "targets", ()) if hasattr(self.kpis, "around") else ()
-        moves = moves_of(plant, task, plant.outputs, targets) if targets else ()
+        moves = moves_of(plant, task, plant.outputs, targets) if targets else Moves()
         said = () if targets else ((STEP, "the KPIs cannot be measured around another step"),)
         jitters = not getattr(plant, "sample_time", 0.0)
         loop = VariedLoop(plant, task, self._built, self.controller, jitters=jitters, moves=moves)

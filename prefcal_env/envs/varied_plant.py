@@ -1,6 +1,6 @@
 """What varies of a plant, from run to run: its parameters, dead time and the ranges of its inputs."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
@@ -132,14 +132,14 @@ def _identified(sample: Ensemble) -> str:
 
 def _parameters(own: Plant, measuring: float | Sequence[float]) -> Iterator[Factor]:
     """Yield the parameters of a plant and its dead time."""
-    matrices, numbers = _matrices(own), dict(_numbers(own))
+    matrices, numbers = _matrices(own), list(_numbers(own))
     if matrices is not None:
         for state, a, b in zip(own.states, *matrices, strict=False):
             # A row such as ẋ = v says what a state is: it has no parameter.
             if b.any() or not np.isin(np.abs(a), (0.0, 1.0)).all():
                 yield _parameter(_constant(state))
     elif numbers:
-        yield from (_parameter(_words(n), value) for n, value in numbers.items())
+        yield from (_parameter(*each) for each in numbers)
     elif own.states and not getattr(own, "sample_time", 0.0):
         yield _parameter(SPEED)
     if matrices is not None or not numbers:
@@ -150,9 +150,9 @@ def _parameters(own: Plant, measuring: float | Sequence[float]) -> Iterator[Fact
         yield found.stepped(step) if step else found
 
 
-def _parameter(name: str, value: float = 1.0) -> Factor:
+def _parameter(name: str, value: float = 1.0, unit: str = "") -> Factor:
     """Return a parameter of a plant, which is above 0 and stays so."""
-    return Factor.around(name, "parameter", CHANGE, value, possible=(LEAST * value, np.inf))
+    return Factor.around(name, "parameter", CHANGE, value, unit, possible=(LEAST * value, np.inf))
 
 
 def varied_plant(plant: Plant, values: Values, later: float = 1.0) -> Disturbed:
@@ -174,7 +174,7 @@ def _changed(plant: Plant, values: Values, later: float) -> Plant:
     gains = np.array([values.get(_gain(c), 1.0) for c in plant.inputs])
     rates = np.array([1 / values.get(_constant(c), 1.0) for c in plant.states])
     speed, named = 1 / values.get(SPEED, 1.0), plant
-    if _matrices(plant) is None and dict(_numbers(plant)):
+    if _matrices(plant) is None and any(_numbers(plant)):
         named = _with_numbers(plant, values)
     if scaled := getattr(named, "scaled", None):
         made: Plant = scaled(speed * rates, gains, later)
@@ -249,8 +249,15 @@ def _gain(c: Channel) -> str:
     return f"gain of {c.name}"
 
 
-def _words(name: str) -> str:
-    return name.replace("_", " ")
+def _words(value: Any, name: str) -> str:
+    """Return the plain name of a parameter of a dataclass or named tuple, as its `words` may say it."""
+    return _said(value, "words", name) or name.replace("_", " ")
+
+
+def _said(value: Any, attribute: str, name: str) -> str:
+    """Return what a mapping of a dataclass or named tuple says of a parameter; "" without one."""
+    said = getattr(value, attribute, None)
+    return str(said.get(name, "")) if isinstance(said, Mapping) else ""
 
 
 def _parts(value: Any) -> dict[str, Any]:
@@ -259,11 +266,11 @@ def _parts(value: Any) -> dict[str, Any]:
     return {name: getattr(value, name) for name in names if name not in _NOT_PARAMETERS}
 
 
-def _numbers(value: Any) -> Iterator[tuple[str, float]]:
-    """Yield the positive numbers of a dataclass or named tuple, also of those in it, by name."""
+def _numbers(value: Any) -> Iterator[tuple[str, float, str]]:
+    """Yield name, value and unit of positive numbers of a dataclass or named tuple, also of those in it."""
     for name, each in _parts(value).items():
         if isinstance(each, float) and 0 < each < np.inf:
-            yield name, each
+            yield _words(value, name), each, _said(value, "units", name)
         else:
             yield from _numbers(each)
 
@@ -272,8 +279,8 @@ def _with_numbers(value: Any, values: Values) -> Any:
     """Return a dataclass or named tuple with other numbers."""
     changes: dict[str, Any] = {}
     for name, each in _parts(value).items():
-        if isinstance(each, float) and _words(name) in values:
-            changes[name] = values[_words(name)]
+        if isinstance(each, float) and (words := _words(value, name)) in values:
+            changes[name] = values[words]
         elif _parts(each):
             changes[name] = _with_numbers(each, values)
     made: Any = value._replace(**changes) if hasattr(value, "_replace") else replace(value, **changes)

@@ -418,6 +418,7 @@ class VerifyOptions:
         best: The best.json of a report.
         runs: Number of random runs; 299 good ones show that less than 1 % are bad.
         range: Relative change of a factor or a kind of factors; 0 leaves it out.
+        seed: Seed of the variations: with another one, all plants are new.
         jobs: Number of processes.
         run_timeout: Time limit of each run, in seconds.
     """
@@ -425,6 +426,7 @@ class VerifyOptions:
     best: Annotated[str, Argument(metavar="BEST.json")]
     runs: Annotated[int, Option(metavar="N", max=100_000)] = 299
     range: Annotated[tuple[str, ...], Option(metavar="NAME=CHANGE")] = ()
+    seed: Annotated[int, Option(metavar="N", min=0)] = 0
     jobs: Annotated[int | None, Option(metavar="N", max=MOST_PROCESSES, show_default="all cores")] = None
     run_timeout: Annotated[float | None, Option(metavar="SECONDS", show_default="3600, an hour")] = None
 
