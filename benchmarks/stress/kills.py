@@ -33,7 +33,7 @@ from typing import Any
 
 from prefcal_env.errors import ScenarioError, StudyError
 from prefcal_env.study import StudyFile, verify
-from prefcal_scenarios.verification.result import Verified
+from prefcal_scenarios.verification.said import Verified
 
 KINDS: Mapping[str, Sequence[str]] = {
     "glisp": ("lag", "--simulate", "0", "--n-max", "14"),

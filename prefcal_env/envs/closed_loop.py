@@ -30,7 +30,7 @@ from prefcal_env.wording import brief, place_in_code
 
 from .plant_env import LITTLE, STRAIGHT, SUDDEN, PlantEnv, check_rate, dead_times, delays_of
 from .task import Signal, StepSignal, Task, never
-from .varied_loop import STEP, VariedLoop, Worn, moves_of
+from .varied_loop import STEP, Moves, VariedLoop, Worn, moves_of
 
 # --- Run a linear plant that PIDs control in a compiled episode: as `rollout`, many times faster.
 
@@ -396,7 +396,7 @@ class ClosedLoop:
         plant, task = env.plant, env.task
         # Only KPIs that can be measured around another step let the step vary.
         targets = getattr(self.kpis, "targets", ()) if hasattr(self.kpis, "around") else ()
-        moves = moves_of(plant, task, plant.outputs, targets) if targets else ()
+        moves = moves_of(plant, task, plant.outputs, targets) if targets else Moves()
         said = () if targets else ((STEP, "the KPIs cannot be measured around another step"),)
         jitters = not getattr(plant, "sample_time", 0.0)
         loop = VariedLoop(plant, task, self._built, self.controller, jitters=jitters, moves=moves)

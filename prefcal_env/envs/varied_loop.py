@@ -1,6 +1,6 @@
 """What varies in a closed loop from run to run: its plant, sensors, actuators and task."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
@@ -13,7 +13,18 @@ from prefcal_env.plants.jacobians import D, Jacobians, States, Times, U, X, Y
 from prefcal_env.plants.plant import Disturbed, Plant
 from prefcal_env.plants.systems import DEAD_TIMES, Ensemble, LinearPlant, local_system, scale_times
 from prefcal_env.sources.source import Source, Varied
-from prefcal_env.sources.varied import CHANGE, LEAST, NARROWER, NOT_NEGATIVE, SIZE, Factor, LeftOut, Values
+from prefcal_env.sources.varied import (
+    CHANGE,
+    LEAST,
+    NARROWER,
+    NOT_NEGATIVE,
+    PLACES,
+    SIZE,
+    Factor,
+    LeftOut,
+    Unheld,
+    Values,
+)
 
 from .plant_env import dead_times, tracked_of
 from .task import Signal, StepSignal, Task
@@ -133,14 +144,14 @@ def _identified(sample: Ensemble) -> str:
 
 def _parameters(own: Plant, measuring: float | Sequence[float]) -> Iterator[Factor]:
     """Yield the parameters of a plant and its dead time."""
-    matrices, numbers = _matrices(own), dict(_numbers(own))
+    matrices, numbers = _matrices(own), list(_numbers(own))
     if matrices is not None:
         for state, a, b in zip(own.states, *matrices, strict=False):
             # A row such as ẋ = v says what a state is: it has no parameter.
             if b.any() or not np.isin(np.abs(a), (0.0, 1.0)).all():
                 yield _parameter(_constant(state))
     elif numbers:
-        yield from (_parameter(_words(n), value) for n, value in numbers.items())
+        yield from (_parameter(*each) for each in numbers)
     elif own.states and not getattr(own, "sample_time", 0.0):
         yield _parameter(SPEED)
     if matrices is not None or not numbers:
@@ -151,9 +162,9 @@ def _parameters(own: Plant, measuring: float | Sequence[float]) -> Iterator[Fact
         yield found.stepped(step) if step else found
 
 
-def _parameter(name: str, value: float = 1.0) -> Factor:
+def _parameter(name: str, value: float = 1.0, unit: str = "") -> Factor:
     """Return a parameter of a plant, which is above 0 and stays so."""
-    return Factor.around(name, "parameter", CHANGE, value, possible=(LEAST * value, np.inf))
+    return Factor.around(name, "parameter", CHANGE, value, unit, possible=(LEAST * value, np.inf))
 
 
 def varied_plant(plant: Plant, values: Values, later: float = 1.0) -> Disturbed:
@@ -175,7 +186,7 @@ def _changed(plant: Plant, values: Values, later: float) -> Plant:
     gains = np.array([values.get(_gain(c), 1.0) for c in plant.inputs])
     rates = np.array([1 / values.get(_constant(c), 1.0) for c in plant.states])
     speed, named = 1 / values.get(SPEED, 1.0), plant
-    if _matrices(plant) is None and dict(_numbers(plant)):
+    if _matrices(plant) is None and any(_numbers(plant)):
         named = _with_numbers(plant, values)
     if scaled := getattr(named, "scaled", None):
         made: Plant = scaled(speed * rates, gains, later)
@@ -250,8 +261,15 @@ def _gain(c: Channel) -> str:
     return f"gain of {c.name}"
 
 
-def _words(name: str) -> str:
-    return name.replace("_", " ")
+def _words(value: Any, name: str) -> str:
+    """Return the plain name of a parameter of a dataclass or named tuple, as its `words` may say it."""
+    return _said(value, "words", name) or name.replace("_", " ")
+
+
+def _said(value: Any, attribute: str, name: str) -> str:
+    """Return what a mapping of a dataclass or named tuple says of a parameter; "" without one."""
+    said = getattr(value, attribute, None)
+    return str(said.get(name, "")) if isinstance(said, Mapping) else ""
 
 
 def _parts(value: Any) -> dict[str, Any]:
@@ -260,11 +278,11 @@ def _parts(value: Any) -> dict[str, Any]:
     return {name: getattr(value, name) for name in names if name not in _NOT_PARAMETERS}
 
 
-def _numbers(value: Any) -> Iterator[tuple[str, float]]:
-    """Yield the positive numbers of a dataclass or named tuple, also of those in it, by name."""
+def _numbers(value: Any) -> Iterator[tuple[str, float, str]]:
+    """Yield name, value and unit of positive numbers of a dataclass or named tuple, also of those in it."""
     for name, each in _parts(value).items():
         if isinstance(each, float) and 0 < each < np.inf:
-            yield name, each
+            yield _words(value, name), each, _said(value, "units", name)
         else:
             yield from _numbers(each)
 
@@ -273,8 +291,8 @@ def _with_numbers(value: Any, values: Values) -> Any:
     """Return a dataclass or named tuple with other numbers."""
     changes: dict[str, Any] = {}
     for name, each in _parts(value).items():
-        if isinstance(each, float) and _words(name) in values:
-            changes[name] = values[_words(name)]
+        if isinstance(each, float) and (words := _words(value, name)) in values:
+            changes[name] = values[words]
         elif _parts(each):
             changes[name] = _with_numbers(each, values)
     made: Any = value._replace(**changes) if hasattr(value, "_replace") else replace(value, **changes)
@@ -300,43 +318,97 @@ JITTER, _JITTER, _MOST = "sampling jitter", 0.1, 0.49
 """Largest jitter, as a share of the period: the usual and the possible one."""
 MOVE, SHIFT, REFERENCE, DIRECTION = "rate of the actuators", "start", "size of the step", "direction"
 TURN, STEP = "direction of the load", "start, size and direction of the step"
+LARGER, AHEAD, BACK = "a larger step", "a start nearer to the target", "a start farther from the target"
 STEPPED = (REFERENCE, SHIFT, DIRECTION)
 IDENTIFIED = "identified: "
 """Begin of what the range of the noise follows from, if that is the noise of a record."""
-_ROOM = 2.0  # distance of a limit from start and targets, in steps, that leaves room for other references
+_BEYOND, _BEHIND = 1.3, 0.3
+"""Steps that are left free of what varies: beyond the target, for an overshoot, and behind the start."""
 Build = Callable[[Disturbed, Task, Y, U], Source]
 """Function of plant, task, resolution of the sensors, shape (n_y,), and half backlash of the
 actuators, shape (n_u,), that returns the loop; the controller stays as it is designed."""
 
 
+@dataclass(frozen=True, slots=True)
+class Moves:
+    """What varies of the step, in steps of the study."""
+
+    larger: float = 0.0  # most by which it is larger, as a share
+    smaller: float = 0.0  # most by which it is smaller
+    ahead: float = 0.0  # most by which it starts nearer to its target, or behind it
+    back: float = 0.0  # most by which it starts farther away
+    turned: bool = False  # whether it also goes in the other direction
+    left_out: tuple[LeftOut, ...] = ()  # what else could vary, and which limit keeps it
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the factors."""
+        there = bool(self.larger or self.smaller), bool(self.ahead or self.back), self.turned
+        return tuple(name for name, varies in zip(STEPPED, there, strict=True) if varies)
+
+
+@dataclass(frozen=True, slots=True)
+class _Step:
+    """The step of a task, and where limits of outputs, states and inputs end what can vary of it."""
+
+    plant: Plant
+    task: Task
+    limits: Sequence[Channel]  # those of each output
+    targets: Sequence[tuple[int, float]]  # index of an output and its reference after the step
+
+    def ends(self, share: float, free: float) -> str:
+        """Return which limit is nearer than `free` steps if outputs go this share of the step; "" if none."""
+        x0, u0, d = self.task.x0, self.task.u0, self.task.disturbance(0.0)
+        y0, aims = self.plant.g(x0, u0, d), list[float]()
+        for k, target in self.targets:
+            step, c = target - float(y0[k]), self.limits[k]
+            aims.append(float(y0[k]) + share * step)
+            left = np.copysign(free, share) * step
+            if limit := _beyond(c, aims[-1] + left):
+                near = f"with less than {_in(abs(left), c)} left to" if left else "beyond"
+                return f"{c.name} would go to {_in(aims[-1], c)}, {near} its limit of {limit}"
+        found = rest(self.plant, x0, u0, d, [k for k, _ in self.targets], aims)
+        goal = ", ".join(
+            f"{self.limits[k].name} {_in(aim, self.limits[k])}"
+            for (k, _), aim in zip(self.targets, aims, strict=True)
+        )
+        if found is None:
+            return f"no steady state is known at {goal}"
+        channels = zip((*self.plant.states, *self.plant.inputs), np.concatenate(found), strict=True)
+        lost = (f"{c.name} {_in(v, c)}, beyond its limit of {e}" for c, v in channels if (e := _beyond(c, v)))
+        return next((f"{goal} would need {words}" for words in lost), "")
+
+
+def _in(value: float, c: Channel) -> str:
+    return f"{float(value):.4g} {c.unit}".rstrip().replace("-", "−")
+
+
+def _beyond(c: Channel, value: float) -> str:
+    """Return the limit of a channel that a value is beyond, in its unit; "" if none."""
+    return "" if c.low <= value <= c.high else _in(c.high if value > c.high else c.low, c)
+
+
 def moves_of(
     plant: Plant, task: Task, limits: Sequence[Channel], targets: Sequence[tuple[int, float]]
-) -> tuple[str, ...]:
-    """Return what can vary of the step: all if no limit of an output is near, and the plant can rest there.
+) -> Moves:
+    """Return what can vary of the step: all where no limit is near and the plant can rest, else a part.
 
     Args:
         limits: Limits of each output.
         targets: Index of an output and its reference after the step, in the order of the loops.
     """
-    x0, u0, d = task.x0, task.u0, task.disturbance(0.0)
-    chosen = list(targets)[: len(plant.inputs)]
-    y0, all_limits = plant.g(x0, u0, d), (*plant.states, *plant.inputs)
-    for k, target in chosen:
-        room = min(min(y0[k], target) - limits[k].low, limits[k].high - max(y0[k], target))
-        if room < _ROOM * abs(target - y0[k]):
-            return ()
-
-    def rests(share: float) -> bool:
-        aims = [float(y0[k] + share * (target - y0[k])) for k, target in chosen]
-        found = rest(plant, x0, u0, d, [k for k, _ in chosen], aims)
-        if found is None:
-            return False
-        return all(c.low <= v <= c.high for c, v in zip(all_limits, np.concatenate(found), strict=True))
-
-    low, high = -_OFFSET, 1 + SIZE + _OFFSET
-    if not (rests(low) and rests(high)):
-        return ()
-    return STEPPED if rests(-high) else STEPPED[:2]
+    step = _Step(plant, task, limits, list(targets)[: len(plant.inputs)])
+    if why := step.ends(1 - SIZE, 0.0):
+        return Moves(left_out=((STEP, why),))
+    said, larger, ahead = list[LeftOut](), SIZE, _OFFSET
+    if why := step.ends(1 + SIZE + _OFFSET, _BEYOND):
+        ahead, larger = 0.0, 0.0 if (closer := step.ends(1 + SIZE, _BEYOND)) else SIZE
+        said += [(LARGER, closer)] * bool(closer) + [(AHEAD, why)]
+    back = 0.0 if (why := step.ends(-_OFFSET, _BEHIND)) else _OFFSET
+    said += [(BACK, why)] * bool(why)
+    turned = step.ends(-(1 + larger + back), _BEHIND)
+    said += [(DIRECTION, turned)] * bool(turned)
+    return Moves(larger, SIZE, ahead, back, not turned, tuple(said))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -352,26 +424,23 @@ class VariedLoop:
     controller: Callable[[Float[np.ndarray, " n"]], Controller]  # function of θ that makes the controller
     wears: bool = True  # whether sensors can have a resolution, and actuators backlash
     jitters: bool = False  # whether periods can differ
-    moves: tuple[str, ...] = ()  # what varies of the step: `SHIFT`, `REFERENCE`, `DIRECTION` or less
+    moves: Moves = Moves()  # what varies of the step
 
     def varied(self, *said: LeftOut) -> Varied:
         """Return what varies; `said` is what does not, beside what follows from plant and task."""
         late, waits = latest(self.plant, self.task.measurement_delay) > 0, waits_inside(self.plant)
         # As far as its record leaves it open, dead time varies with an identified plant.
         late = late or sample_of(self.plant) is not None
-        near = "the plant cannot rest there within its limits, or one is near"
         missing: dict[LeftOut, bool] = {
             (DELAY, "none is stated; more would act like the lag: see the delay margin"): late or waits,
             ("dead time in the states (poles at 0)", "state it as a delay"): not waits,
             (MOVE, "none is stated"): self.task.max_move is not None,
             ("size and direction of the load", "the task has no steps of one"): self._loaded,
             (JITTER, "a period has one length here"): self.jitters,
-            (STEP, near): bool(self.moves) or STEP in dict(said),
-            (DIRECTION, near): not self.moves or DIRECTION in self.moves,
         }
-        left_out = (*said, *(row for row, there in missing.items() if not there))
+        left_out = (*said, *self.moves.left_out, *(row for row, there in missing.items() if not there))
         factors = (*factors_of(self.plant, self.task.measurement_delay), *self._others())
-        return Varied(factors, left_out, self.at, self)
+        return Varied(factors, left_out, self.at, self, self.unheld)
 
     def at(self, values: Values) -> Source:
         """Return the loop with these values."""
@@ -402,28 +471,34 @@ class VariedLoop:
         if self._loaded:
             yield Factor.around(LOAD, "task", SIZE, possible=NOT_NEGATIVE)
             yield Factor(TURN, "task", 1.0, -1.0, 1.0, ends=True)
-        starts, targets = self._places if self.moves else ("", "")
+        yield from self._steps() if self.moves.names else ()
+
+    def _steps(self) -> Iterator[Factor]:
+        """Yield what varies of the step."""
+        moves, (starts, targets) = self.moves, self._places
+        size = -moves.smaller, moves.larger
         steps = (
-            replace(Factor.around(REFERENCE, "task", SIZE, possible=(LEAST, np.inf)), told=targets),
-            Factor(SHIFT, "task", 0.0, -_OFFSET, _OFFSET, "of the step", told=starts),
+            replace(Factor.around(REFERENCE, "task", size, possible=(LEAST, np.inf)), told=targets),
+            Factor(SHIFT, "task", 0.0, -moves.back, moves.ahead, "of the step", told=starts),
             Factor(DIRECTION, "task", 1.0, -1.0, 1.0, ends=True),
         )
-        yield from (factor for factor in steps if factor.name in self.moves)
+        yield from (factor for factor in steps if factor.name in moves.names)
 
     @property
     def _places(self) -> tuple[str, str]:
         """Return in words between which values the first output starts, and between which its targets are."""
-        k, size = tracked_of(self.task)[0], 1.0 + SIZE
+        k, moves = tracked_of(self.task)[0], self.moves
         y, start = self.plant.outputs[k], float(self.start[k])
         first, last = (self.task.reference(t)[k] - start for t in (0.0, self.task.horizon))
-        shift = _OFFSET * abs(first)
-        sent = [size * last, -size * last if DIRECTION in self.moves else (2.0 - size) * last]
+        shifts = -moves.back * first, moves.ahead * first
+        sizes = [1 - moves.smaller, 1 + moves.larger]
+        sent = [size * last for size in (*sizes, *(-size for size in sizes if moves.turned))]
 
-        def between(low: float, high: float) -> str:
-            return f"{low:.4g} to {high:.4g} {y.unit}".rstrip().replace("-", "−")
+        def between(*ends: float) -> str:
+            return f"{_in(min(ends), replace(y, unit=''))} to {_in(max(ends), y)}"
 
-        starts = between(start - shift, start + shift)
-        targets = between(start + min(sent) - shift, start + max(sent) + shift)
+        starts = between(*(start + shift for shift in shifts))
+        targets = between(*(start + shift + each for shift in shifts for each in sent))
         return f"usual, {y.name} from {starts}", f"usual, targets of {y.name} from {targets}"
 
     def _later(self, values: Values) -> float:
@@ -499,9 +574,9 @@ class VariedLoop:
             d = _scaled(d, np.asarray(d.start, dtype=float), load)
         x0, u0 = self._rest(plant, values.get(SHIFT, 0.0))
         y_ref: Signal = task.y_ref
-        if self.moves and not callable(y_ref):
+        if self.moves.names and not callable(y_ref):
             y_ref = StepSignal(y_ref, ())
-        if self.moves and isinstance(y_ref, StepSignal):
+        if self.moves.names and isinstance(y_ref, StepSignal):
             size = values.get(REFERENCE, 1.0) * values.get(DIRECTION, 1.0)
             y_ref = _scaled(y_ref, self.start, size, plant.g(x0, u0, task.disturbance(0.0)) - self.start)
         moves = None if task.max_move is None else task.max_move * values.get(MOVE, 1.0)
@@ -518,6 +593,41 @@ class VariedLoop:
         jitter, lag = max(task.jitter, values.get(JITTER, 0.0)), task.lag + values.get(LAG, 0.0)
         return replace(task, x0=x0, u0=u0, y_ref=y_ref, d=d, max_move=moves, jitter=jitter, lag=lag)
 
+    def unheld(self, values: Values) -> Unheld | None:
+        """Return where no input within its range holds the plant with these values; None if one does.
+
+        A place counts only if the nominal plant can be held there, and if a steady state is known.
+        """
+        plant = varied_plant(self.plant, values, self._later(values))
+        task = self.task_of(plant, values)
+        for place in PLACES:
+            found = self._input_at(place, plant, task)
+            if found is None or not (lost := _outside(plant, found)):
+                continue
+            nominal = self._input_at(place, self.plant, self.task)
+            if nominal is not None and not _outside(self.plant, nominal):
+                return Unheld(place, plant.inputs[lost[0]].name, float(found[lost[0]]))
+        return None
+
+    def _input_at(self, place: str, plant: Plant, task: Task) -> U | None:
+        """Return the input at which a plant rests at a place of its task; None if that is not known.
+
+        A target is reached within its accepted band: so of those there, one within the range counts.
+        """
+        if place == PLACES[0]:
+            return np.asarray(task.u0)
+        if not all(isinstance(s, StepSignal) or not callable(s) for s in (task.y_ref, task.d)):
+            return None  # what moves all the time has no place to rest at
+        near = at_target(self.plant, self.task) or task
+        d, chosen = task.disturbance(0.0 if place == PLACES[1] else task.horizon), list(tracked_of(task))
+        chosen = chosen[: len(plant.inputs)]
+        aims = task.reference(task.horizon)[chosen]
+        width = np.array([(task.bands or {}).get(k, 0.0) for k in chosen])
+        ends = (aims, aims - width, aims + width) if width.any() else (aims,)
+        rests = [rest(plant, near.x0, near.u0, d, chosen, each.tolist()) for each in ends]
+        inputs = [found[1] for found in rests if found is not None]
+        return min(inputs, key=lambda u: len(_outside(plant, u)), default=None)
+
     def _rest(self, plant: Plant, shift: float) -> tuple[X, U]:
         """Return where a plant rests with the outputs of the start, the first moved by `shift` steps.
 
@@ -532,6 +642,13 @@ class VariedLoop:
             return (rest(plant, *start, d, chosen, aims.tolist()) if resting else None) or start
         except PlantError:  # a discrete plant without ẋ
             return start
+
+
+def _outside(plant: Plant, u: U) -> list[int]:
+    """Return the indices of inputs that are outside their range, but for rounding."""
+    spans = [1e-6 * (c.high - c.low if np.isfinite(c.high - c.low) else 1.0) for c in plant.inputs]
+    pairs = enumerate(zip(plant.inputs, u, spans, strict=True))
+    return [k for k, (c, v, near) in pairs if not c.low - near <= v <= c.high + near]
 
 
 def _scaled(

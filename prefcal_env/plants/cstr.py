@@ -1,8 +1,9 @@
 """The continuous stirred tank reactor of section IV-A."""
 
 import math
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, fields
 from functools import lru_cache
+from types import MappingProxyType
 
 import numpy as np
 import scipy
@@ -34,8 +35,31 @@ class CSTRParams:
     US_V: float = 150.0  # kcal/(m³ K h)
     R: float = 1.987  # kcal/(kgmol K)
 
+    units = MappingProxyType(
+        {
+            "F_V": "1/h",
+            "k_0": "1/h",
+            "H": "kcal/kgmol",
+            "E": "kcal/kgmol",
+            "rho_Cp": "kcal/(m³ K)",
+            "US_V": "kcal/(m³ K h)",
+            "R": "kcal/(kgmol K)",
+        }
+    )
+    words = MappingProxyType(
+        {
+            "F_V": "feed per volume",
+            "k_0": "rate constant",
+            "H": "heat of reaction",
+            "E": "activation energy",
+            "rho_Cp": "heat capacity",
+            "US_V": "heat transfer",
+            "R": "gas constant",
+        }
+    )
+
     def __post_init__(self) -> None:
-        for name in self.__dataclass_fields__:
+        for name in (each.name for each in fields(self)):
             if not 0 < getattr(self, name) < np.inf:
                 raise PlantError(
                     f"CSTR parameter {name} must be positive and finite, got {getattr(self, name)}"

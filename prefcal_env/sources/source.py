@@ -22,7 +22,7 @@ from prefcal_env.experiments.panels import MEAN, check_channels, check_name, com
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.plants.plant import Plant
 
-from .varied import CHANGE, Factor, LeftOut, Values
+from .varied import CHANGE, Factor, LeftOut, Unheld, Values
 
 
 class Stage(Enum):
@@ -270,6 +270,8 @@ class Varied:
     left_out: tuple[LeftOut, ...]  # what cannot be, and why
     at: "Callable[[Values], Source]"  # function of values; the controller stays as it is designed
     loop: KnownLoop | None = None  # the loop without variation; None if it is not known as equations
+    # Function of values that returns where no input can hold the plant with them; None if that is not known
+    unheld: "Callable[[Values], Unheld | None] | None" = None
 
 
 RIG = "it runs on a rig or a live plant, which cannot be varied: verify a model of it"

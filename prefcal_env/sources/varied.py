@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import ceil, copysign
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from jaxtyping import Float
@@ -42,6 +42,16 @@ CHANGE, SIZE, NARROWER = USUAL["parameter"], USUAL["dead time"], USUAL["actuator
 """Relative changes: of parameters; of dead time, loads and references; of the ranges of inputs."""
 LEAST = 0.01  # smallest share of its nominal value that what cannot be 0 can have
 ANY, NOT_NEGATIVE = (-np.inf, np.inf), (0.0, np.inf)  # possible values of a factor
+
+PLACES = "start", "target", "target under the load"
+
+
+class Unheld(NamedTuple):
+    """Where no input within its range holds a varied plant, so that no tuning can, either."""
+
+    place: str  # one of `PLACES`
+    input: str  # name of an input whose range ends
+    needs: float  # what it would have to be, in its unit
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
 """What a verification found, for tests of what is kept and shown of it."""
 
 from prefcal_env.sources.varied import UNMODELED
-from prefcal_scenarios.verification.result import Verified, WorstRun
+from prefcal_scenarios.verification.said import Verified, WorstRun
 
 FOUND = Verified(
     headline="Does not hold: 298 of 299 runs keep the stated limits.",

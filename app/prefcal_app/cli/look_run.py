@@ -23,7 +23,7 @@ from prefcal_env.study import study_path
 from prefcal_env.tables import TableColumns
 from prefcal_scenarios.described.description import listed
 from prefcal_scenarios.scenario import KPI
-from prefcal_scenarios.verification.result import EFFECTS, FILE, NOT_VARIED, VARIED, Verified
+from prefcal_scenarios.verification.said import FILE, NOT_VARIED, VARIED, Verified
 from prefcal_scenarios.wording import printable, put
 
 from .calibrate import interruption
@@ -177,6 +177,7 @@ def verify(options: VerifyOptions) -> int:
         jobs=options.jobs,
         timeout=options.run_timeout,
         progress=True,
+        seed=options.seed,
     )
     show(said, console)
     if beside := written_beside(said, best.parent):
@@ -215,7 +216,7 @@ def show(said: Verified, console: Console) -> None:
     """Print a verification in a terminal."""
     more = [each for each in (said.statement, said.limits_kept) if each not in said.verdict]
     say(console, "Does it hold?", *(f"  {each}" for each in (said.verdict, *more)), *said.lines)
-    for line in said.advice:
+    for line in (*said.misses, *said.advice):
         say(console, f"  {_sentence(line)}")
     if said.varied:
         console.print(_table(VARIED, said.varied))
@@ -235,7 +236,7 @@ def _lines(said: Verified) -> Iterator[str]:
     """Yield what hurts most, and the worst runs."""
     if said.effects:  # they come after all random runs, and an interruption may end before
         yield "What hurts most, one at a time:"
-    yield from (f"  {text}" for text in said.effects[:EFFECTS])
+    yield from (f"  {text}" for text in said.hurting)
     if said.worst:
         yield "Worst runs:"
     for each in said.worst:

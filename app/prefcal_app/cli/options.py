@@ -423,6 +423,7 @@ class VerifyOptions:
         limit: Limit by which to judge, beside those of the study, for example "overshoot <= 10 %" or
             "phase_margin >= 45". Repeat the option for more.
         range: Relative change of a factor or a kind of factors; 0 leaves it out.
+        seed: Seed of the variations: with another one, all plants are new.
         jobs: Number of processes.
         run_timeout: Time limit of each run, in seconds.
     """
@@ -431,6 +432,7 @@ class VerifyOptions:
     runs: Annotated[int, Option(metavar="N", max=100_000)] = 299
     limit: Annotated[tuple[str, ...], Option(metavar="LIMIT")] = ()
     range: Annotated[tuple[str, ...], Option(metavar="NAME=CHANGE")] = ()
+    seed: Annotated[int, Option(metavar="N", min=0)] = 0
     jobs: Annotated[int | None, Option(metavar="N", max=MOST_PROCESSES, show_default="all cores")] = None
     run_timeout: Annotated[float | None, Option(metavar="SECONDS", show_default="3600, an hour")] = None
 

@@ -1,6 +1,6 @@
 """Draw the figures of a report: trajectories, the course of the study, and all others."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from textwrap import wrap
@@ -19,6 +19,7 @@ from prefcal_env.experiments.experiment import Channel, Experiment
 from prefcal_env.experiments.panels import Plot, maneuvers_of
 from prefcal_env.knobs import Knob
 from prefcal_env.plants.plant import Plant
+from prefcal_scenarios.described.steps import Mark
 from prefcal_scenarios.scenario import KPI, Picture, Scenario, panels_of
 from prefcal_scenarios.style import (
     BEST,
@@ -80,6 +81,8 @@ class _Block:
     """Part of the time that is shown, since what is drawn hardly moves in the rest; None for all of it."""
     own: bool = False
     """Whether targets and limits are those of the first run, not of the scenario."""
+    marks: Sequence[Mark] = ()
+    """Where stated limits are."""
 
 
 def curves_of(record: StudyRecord, *, references: bool = True) -> list[DrawnRun]:
@@ -126,6 +129,7 @@ def figure(
     labels: tuple[str, str] = ("1", "2"),
     *,
     own: bool = False,
+    marks: Mapping[str, Sequence[Mark]] | None = None,
     below: str = "",
 ) -> Figure:
     """Draw two experiments side by side on equal axes, a row for each panel and maneuver.
@@ -136,6 +140,7 @@ def figure(
         right: Right experiment.
         labels: Labels of the left and the right experiment.
         own: Whether each has targets and limits of its own, as on a varied plant.
+        marks: Where the stated limits of each are, by label; None for nowhere.
         below: Text under the figure, which has room for a long one: titles take it from the curves.
     """
     pair = (DrawnRun(left, labels[0], BEST, 1.9), DrawnRun(right, labels[1], OTHERS[0], 1.9))
@@ -147,7 +152,8 @@ def figure(
         for window in _windows(panels, runs):
             for curve, run in zip(pair, runs, strict=True):
                 heading = part if curve is pair[0] else ""
-                blocks.append(_Block(heading, rows, [replace(curve, experiment=run)], window, own))
+                limits = (marks or {}).get(curve.label, ())
+                blocks.append(_Block(heading, rows, [replace(curve, experiment=run)], window, own, limits))
     with style():
         said = [*_rest(blocks), *wrap(below, _WIDE)]
         height = 0.8 + 1.75 * sum(len(b.rows) for b in blocks) / 2 + 0.2 * len(said)
@@ -274,6 +280,9 @@ def _fill(axes: Sequence[Axes], block: _Block, *, short: bool) -> None:
             _reference(place, panel, curve.experiment)
             _draw(place, panel, curve)
         _limits(place, channel, named=not short)
+        for mark in block.marks:
+            if (mark.output, "y") == (panel.name, panel.kind):
+                _mark(place, mark, panel.scale)
         named = replace(channel, target=None, band=None, low=-np.inf, high=np.inf)
         place.set_title(panel_title(named if short else channel, zoomed=zoomed))
         if zoomed and channel.target is not None and channel.band is not None:
@@ -346,6 +355,17 @@ def _draw(axes: Axes, panel: Plot, curve: DrawnRun) -> None:
     # Runs end at different times: a dot marks a completed run, a cross a stopped one.
     marker = "X" if curve.experiment.end.interrupted else "o"
     axes.plot(t[-1], values[-1], marker, color=curve.color, markersize=5, markeredgewidth=0)
+
+
+def _mark(axes: Axes, mark: Mark, scale: float) -> None:
+    """Draw a stated limit: a band as a shade, a value or a time as a dashed line."""
+    line: Any = {"color": LIMIT, "zorder": 1, "linewidth": 1.1, "linestyle": (0, (6, 3))}
+    if mark.first == mark.last:
+        axes.axvline(mark.first, **line)
+    elif mark.low == mark.high:
+        axes.plot([mark.first, mark.last], [scale * mark.low] * 2, **line)
+    else:
+        axes.axhspan(scale * mark.low, scale * mark.high, color=GOOD, alpha=0.18, linewidth=0)
 
 
 def _limits(axes: Axes, channel: Channel, *, named: bool) -> None:

@@ -30,23 +30,15 @@ from prefcal_env.plants.jacobians import U
 from prefcal_env.sources.source import env_of, plant_of
 from prefcal_env.sources.varied import Ranges
 from prefcal_scenarios.described.making import limited
+from prefcal_scenarios.described.steps import marks_of
 from prefcal_scenarios.isolated import DEFAULT_LIMIT
 from prefcal_scenarios.runs import Progress
 from prefcal_scenarios.scenario import Picture, Scenario, finds_kpis, with_found_kpis
 from prefcal_scenarios.style import WIDTH, png, style
 from prefcal_scenarios.verification import Verification, verify
-from prefcal_scenarios.verification.result import (
-    BEST,
-    NOT_VARIED,
-    REFUSED,
-    USUAL,
-    VARIED,
-    Verified,
-    VerifiedRun,
-    WorstRun,
-    margins_said,
-)
-from prefcal_scenarios.verification.result import FILE as VERIFICATION
+from prefcal_scenarios.verification.result import VerifiedRun, margins_said
+from prefcal_scenarios.verification.said import BEST, NOT_VARIED, REFUSED, USUAL, VARIED, Verified, WorstRun
+from prefcal_scenarios.verification.said import FILE as VERIFICATION
 from prefcal_scenarios.verification.varied_runs import RUNS, replays, unvaried
 from prefcal_scenarios.wording import (
     counted,
@@ -219,6 +211,8 @@ def _verdicts(verified: Verified) -> dict[str, str | dict[str, str]]:
     if verified.lines:
         found["Usual limits"] = {"lines": "\n".join(verified.lines)}
     found["Margins"] = margins
+    if verified.misses:
+        found["Misses"] = _sentences(verified.misses)
     for worst in verified.worst[:1]:
         found["Worst run"] = f"{worst.words}{f' ({worst.verdict})' if worst.verdict else ''}: {worst.text}."
     found["Hurts most"] = next(iter(verified.effects), _UNKNOWN)
@@ -232,7 +226,8 @@ def verified_answers(verified: Verified) -> Answers:
         spans = tuple(f"{name}: {low} to {high}" for name, _, _, low, high, *_ in verified.kpis)
         found.append(("KPIs, 5 to 95 %", spans))
     rows = (f"{name} {span}{f' ({kind})' * (kind != USUAL)}" for name, span, kind in verified.varied)
-    found.append(("Varied", (*rows, f"beyond these ranges: {_UNKNOWN}")))
+    drawn = [f"drawn with seed {verified.seed}"] if verified.runs else []
+    found.append(("Varied", (*rows, *drawn, f"beyond these ranges: {_UNKNOWN}")))
     left_out = "; ".join(what for what, _ in verified.left_out)
     return [*found, ("Not varied", f"{left_out}. Why: report.html.")]
 
@@ -356,6 +351,7 @@ def verify_best(
     ranges: Ranges | None = None,
     jobs: int | None = None,
     timeout: float | None = None,
+    seed: int = 0,
     progress: Progress | bool = False,
     clock: Callable[[tzinfo], datetime] = datetime.now,
 ) -> Verified:
@@ -371,6 +367,7 @@ def verify_best(
         ranges: Relative changes, as for `verify`.
         jobs: Number of processes, as for `verify`.
         timeout: Time limit of each run in seconds; None for that of a study, an hour.
+        seed: Seed of the variations, as for `verify`.
         progress: As for `simulate_many`.
         clock: Function of a time zone that returns the time, for the date of the verdict.
 
@@ -396,6 +393,7 @@ def verify_best(
             tuning.theta,
             runs,
             start=tuning.before,
+            seed=seed,
             noise=tuning.seed,
             ranges=ranges,
             jobs=jobs,
@@ -527,8 +525,12 @@ def _drawn(
     made = replays(tuning.scenario, tuning.theta, runs, timeout) if runs else []
     for (rank, _), nominal, varied in zip(shown, made[::2], made[1::2], strict=True):
         labels, words = ("nominal", f"worst run {rank + 1}"), f"{said[rank].words}: {said[rank].text}."
-        below = f"Worst run {rank + 1}: {words}"
-        yield rank, png(figure(tuning.scenario, nominal, varied, labels, own=True, below=below))
+        below, lasts = f"Worst run {rank + 1}: {words}", max(nominal.duration, varied.duration)
+        runs_by = dict(zip(labels, (nominal, varied), strict=True))
+        marks = {label: marks_of(tuning.scenario.kpis, run, lasts) for label, run in runs_by.items()}
+        if any(marks.values()):
+            below += " Stated limits of runs are dashed, the band in which they settle is shaded."
+        yield rank, png(figure(tuning.scenario, nominal, varied, labels, own=True, marks=marks, below=below))
 
 
 # --- Fill in the acceptance sheet of a study: before and after on one or two pages, with lines to sign.

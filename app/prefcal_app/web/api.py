@@ -330,13 +330,13 @@ class Verifying:
             "said": None if folder is None or said is None else _view(said, folder),
         }
 
-    def _said(self) -> "verification.result.Verified | None":
+    def _said(self) -> "verification.said.Verified | None":
         folder = self._reports.folder
-        return None if folder is None else verification.result.Verified.read(folder)
+        return None if folder is None else verification.said.Verified.read(folder)
 
     def _verify(self, folder: Path) -> None:
         try:
-            said = report.write.verify_best(folder / verification.result.BEST, progress=self._progress)
+            said = report.write.verify_best(folder / verification.said.BEST, progress=self._progress)
             if report.write.written_beside(said, folder):
                 self._problem = f"Stopped after {said.runs} runs: an earlier verification has more and stays."
         except Exception as error:
@@ -350,7 +350,7 @@ class Verifying:
             raise KeyboardInterrupt  # which a verification takes as its early end
 
 
-def _view(said: "verification.result.Verified", folder: Path) -> dict[str, Any]:
+def _view(said: "verification.said.Verified", folder: Path) -> dict[str, Any]:
     """Return what a verification says, for the page; pictures are in a folder."""
     return {
         "best": said.best,
@@ -359,10 +359,10 @@ def _view(said: "verification.result.Verified", folder: Path) -> dict[str, Any]:
         "limits": said.limits_kept,
         "lines": "\n".join(said.lines),
         "margins": said.margins_kept,
-        "advice": list(said.advice),
+        "advice": [*said.misses, *said.advice],
         "basis": said.basis,
         **report.write.verified_tables(said),
-        "effects": list(said.effects[: verification.result.EFFECTS]),
+        "effects": list(said.hurting),
         "worst": [
             {
                 "words": each.words,

@@ -219,7 +219,7 @@ def varied(space: KnobSpace = SPACE) -> Varied:
     gas constant does not vary.
     """
     found = ClosedLoop(cstr_env(), partial(controller, space=space), compute_kpis).varied()
-    factors = within(found.factors, {"E": 0.01, "R": 0.0})
+    factors = within(found.factors, {"activation energy": 0.01, "gas constant": 0.0})
     return replace(found, factors=tuple(replace(each, stated=False) for each in factors))
 
 

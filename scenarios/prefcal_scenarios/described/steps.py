@@ -5,7 +5,7 @@ from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Protocol, Self
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 from jaxtyping import Float
@@ -118,7 +118,7 @@ class Measure:
 def _until(
     t: Float[np.ndarray, " K"], error: Float[np.ndarray, " K"], part: np.ndarray, start: float, end: float
 ) -> float:
-    """Return the time from `start` on until the error stays in the band; infinite for never.
+    """Return the time from `start` on until the error stays in the band: 0 if always, infinite for never.
 
     It must stay there for some samples: the last one of an oscillation is in the band by chance.
     """
@@ -126,6 +126,8 @@ def _until(
         return np.inf
     t = t[part]
     found = staying_time(t, error[part], _BAND)
+    if found == t[0]:  # it never left the band: the first sample may come after the start
+        return 0.0
     return found - start if len(t) >= _DWELL and found <= t[-_DWELL] else np.inf
 
 
@@ -181,6 +183,45 @@ def kpis_of(measure: Measure, outputs: tuple[Channel, ...], time: str, robust: f
 
 def _lower(name: str, title: str, unit: str, about: str, **more: Any) -> KPI:
     return KPI(name, title, unit, better="lower", about=about, **more)
+
+
+class Mark(NamedTuple):
+    """Where a stated limit is in a picture of an output: a band, a line of one value, or a time."""
+
+    output: str  # name of the output
+    low: float  # lowest value; -inf for a time
+    high: float  # highest value; as `low` for a line
+    first: float = -np.inf  # time from which on it counts
+    last: float = np.inf  # time until which it counts; as `first` for a time
+
+
+def marks_of(kpis: Sequence[KPI], run: Experiment, duration: float) -> list[Mark]:
+    """Return where the stated limits of a run of steps are that lasts so long if nothing ends it.
+
+    These are the bands around its own targets, limits of the overshoot, and times at which it must have
+    settled and recovered.
+    """
+    outputs = {c.name: i for i, c in enumerate(run.channels.y) if c.target is not None}
+    phase, found = duration / (len(outputs) + 1), list[Mark]()
+    titles = {name: title for name, title, *_ in _ROWS}
+    for kpi in (kpi for kpi in kpis if np.isfinite(kpi.at_most)):
+        name = next((n for n in ("settling_time", "overshoot", "recovery") if kpi.name.startswith(n)), "")
+        output = next((y for y in outputs if name and kpi.title == titles[name].format(y=y)), None)
+        values = None if output is None else run.output(outputs[output])
+        if output is None or values is None or not len(values):
+            continue
+        target, number = float(run.channels.y[outputs[output]].target or 0.0), kpi.name.rpartition("_")[2]
+        step = target - float(values[0])
+        start = len(outputs) if name == "recovery" else int(number) - 1 if number.isdigit() else 0
+        first, last = start * phase, (start + 1) * phase
+        if name == "overshoot":
+            limit = target + kpi.at_most / 100 * step
+            found.append(Mark(output, limit, limit, first, last))
+            continue
+        found.append(Mark(output, *sorted((target - _BAND * step, target + _BAND * step))))
+        if (due := first + kpi.at_most) <= last:  # what has not settled by then never does
+            found.append(Mark(output, -np.inf, np.inf, due, due))
+    return list(dict.fromkeys(found))
 
 
 # --- Make the scenario of a plant whose references step one after the other, then loads act.

@@ -1,39 +1,35 @@
-"""What came of a verification: frozen data, what follows from it, and what is kept of it."""
+"""What came of a verification: frozen data, and what follows from it."""
 
-import json
-import shlex
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 from scipy.special import betaincinv
 
 from prefcal_env.controllers.margins import UNCONSTRAINED, UNSTABLE, Margins, margins, margins_at_target
-from prefcal_env.disk import digest_of, write_durably
 from prefcal_env.envs.task import Task
 from prefcal_env.envs.varied_loop import (
+    AHEAD,
+    BACK,
     DIRECTION,
     IDENTIFIED,
+    LARGER,
     LOAD,
     NOISE,
     REFERENCE,
     SHIFT,
     STEP,
-    STEPPED,
     TURN,
     at_target,
 )
-from prefcal_env.errors import ScenarioError
-from prefcal_env.experiments.experiment import End
-from prefcal_env.plain import from_plain, to_plain
+from prefcal_env.experiments.experiment import Channel, End
 from prefcal_env.plants.plant import Plant
 from prefcal_env.sources.source import Varied
-from prefcal_env.sources.varied import Factor, LeftOut
+from prefcal_env.sources.varied import PLACES, Factor, LeftOut, Unheld
 from prefcal_scenarios.runs import HasKPIs
-from prefcal_scenarios.scenario import KPI, Scenario
+from prefcal_scenarios.scenario import KPI
 from prefcal_scenarios.wording import (
     comparable,
     labeled,
@@ -43,16 +39,18 @@ from prefcal_scenarios.wording import (
     quantity,
     range_ends,
     read_text,
-    typed_theta,
-    value_text,
     with_unit,
 )
 
 # --- What came of a verification, as frozen data, and what follows from it.
 
 CONFIDENCE = 0.95
+_TRIED = 4  # number of factors that other tunings meet, those that hurt most
+_CHANCE = 5  # runs that a relaxed limit must gain: fewer can as well be chance, 1/2 to the power of 5 is 3 %
 RANGE_0 = "its range is 0"
 """Why something does not vary that somebody left out."""
+_OF_STEP = (STEP, LARGER, AHEAD, BACK, DIRECTION)
+"""What of the step may not vary."""
 _TASK = {REFERENCE: "target", SHIFT: "start", DIRECTION: "target", LOAD: "load", TURN: "load"}
 """What is stated of a task, by the name of the factor that varies it."""
 
@@ -67,11 +65,7 @@ class VerifiedRun:
     kpis: Mapping[str, float]  # KPIs by name, in their units
     problems: tuple[str, ...] = ()  # which stated limits it did not keep; empty if it kept all
     limiting: str = ""  # name of the input whose range limits it, as `limiting_input` returns it
-
-    @property
-    def words(self) -> str:
-        """Return the problems as text, for people."""
-        return "; ".join(self.problems) or "holds"
+    unheld: Unheld | None = None  # where no input can hold its plant, whatever the tuning
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,6 +131,67 @@ def _by_kpi(m: Margins) -> dict[str, float]:
     }
 
 
+def margins_said(found: Sequence[Margins | str], time_unit: str) -> tuple[tuple[tuple[str, ...], ...], str]:
+    """Return `margins` and `basis` of `Verified`, given margins of the tuning and perhaps of the baseline."""
+    first = found[0]
+    if isinstance(first, str):
+        return (), first
+    stable = "; this loop is NOT STABLE" if first == UNSTABLE else ""
+    there = ""
+    if (moved := next((m for m in found if isinstance(m, Margins) and m.target), None)) is not None:
+        assert moved.target is not None
+        there = f": its start is {moved.place}, its target {moved.target.place}"
+    return tuple(_margin_rows(found, time_unit)), f"margins of {UNCONSTRAINED}{stable}{there}"
+
+
+def _margin_rows(found: Sequence[Margins | str], time_unit: str) -> Iterator[tuple[str, ...]]:
+    """Yield a row for each margin; a gain margin has a second number if the gain must not fall by more.
+
+    They are rounded as the KPIs are that have limits: what is printed is what a limit is compared with.
+    Of a plant that is another one at its target, each has two rows.
+    """
+    moved = any(isinstance(m, Margins) and m.target for m in found)
+    for name, unit, read in (
+        ("gain margin", "dB", _gain_margin),
+        ("phase margin", "°", lambda m: number(_phase(m))),
+        ("delay margin", time_unit, lambda m: number(m.delay)),
+        ("maximum sensitivity M_s", "", lambda m: number(_sensitivity(m))),
+        ("disk margin", "", lambda m: number(_disk(m))),
+    ):
+        for place in ("start", "target") if moved else ("",):
+            there = (m.target or m if isinstance(m, Margins) and place == "target" else m for m in found)
+            cells = (_margin(m, read) for m in there)
+            yield labeled(f"{name} at the {place}" if place else name, unit), *cells
+
+
+def _margin(m: Margins | str, read: Callable[[Margins], str]) -> str:
+    """Return what is read of margins as text; an unstable loop has none."""
+    if isinstance(m, str):
+        return number(None)
+    return "✗ unstable" if m == UNSTABLE else read(m)
+
+
+def _gain_margin(m: Margins) -> str:
+    down = f", {number(_decibels(m.gain_reduction))}" if 0 < m.gain_reduction < 1 else ""
+    return number(_decibels(m.gain)) + down
+
+
+def _decibels(factor: float) -> float:
+    return round(float(20 * np.log10(factor)), 2)
+
+
+def _phase(m: Margins) -> float:
+    return round(m.phase, 1)
+
+
+def _sensitivity(m: Margins) -> float:
+    return round(m.M_s, 2)
+
+
+def _disk(m: Margins) -> float:
+    return round(m.disk, 3)
+
+
 @dataclass(frozen=True, slots=True)
 class Effect:
     """What one factor does alone."""
@@ -148,6 +203,7 @@ class Effect:
     # limit is lost
     worsening: float
     doubled: bool = False  # whether that KPI is more than doubled, and by more than half of that range
+    unheld: tuple[VerifiedRun, ...] = ()  # runs at its ends that do not count, see `Verification.unheld`
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,8 +232,12 @@ class Verification:
         alone: Runs of the tuning with the lowest and the highest value of each factor, in pairs.
         others: How other tunings fare; None if they were not tried: all runs are good, some are missing, or
             a run is no simulation.
-        as_stated: Random runs again with the task as stated: those that failed and, if all of these hold
-            there, all. Empty if no run failed, or nothing of the task varied that nobody stated.
+        as_stated: Random runs again with the task as stated: the first that failed and, if all of these
+            hold there, all. Empty if no run failed, or nothing of the task varied that nobody stated, or the
+            tuning does not even hold nominally.
+        unheld: Random runs that do not count, since no input can hold their plant at start or target.
+        inputs: Inputs of the nominal plant; empty if they are not known.
+        seed: Seed of the variations.
     """
 
     scenario: str
@@ -190,6 +250,9 @@ class Verification:
     alone: tuple[VerifiedRun, ...]
     others: Others | None = None
     as_stated: tuple[VerifiedRun, ...] = ()
+    unheld: tuple[VerifiedRun, ...] = ()
+    inputs: tuple[Channel, ...] = ()
+    seed: int = 0
 
     @property
     def runs(self) -> tuple[VerifiedRun, ...]:
@@ -230,9 +293,14 @@ class Verification:
     @property
     def holds_as_stated(self) -> bool:
         """Return whether runs fail only at targets, loads or starts that nobody stated."""
-        good = not any(run.problems for run in (self.tuning.nominal, *self.as_stated))
         complete = 0 < len(self.as_stated) == len(self.runs)
-        return complete and good and self.tuning.margins != UNSTABLE and not self.misses_margin
+        return complete and self.sound and not any(run.problems for run in self.as_stated)
+
+    @property
+    def sound(self) -> bool:
+        """Return whether the nominal run and the nominal loop keep what is stated of them."""
+        kept = not self.tuning.nominal.problems and not self.misses_margin
+        return kept and self.tuning.margins != UNSTABLE
 
     @property
     def stated(self) -> str:
@@ -245,9 +313,10 @@ class Verification:
         """Return how many runs hold with the task as stated, and what was left out of what varies."""
         count, said = len(self.as_stated), ""
         if count:
-            of = f"the same {count}" if count == len(self.runs) else f"the {count} that fail"
+            first = "" if count == len(self.failed) else "first "
+            of = f"the same {count}" if count == len(self.runs) else f"the {first}{count} that fail"
             said = f"; at {self.stated}, {sum(not run.problems for run in self.as_stated)} of {of} do"
-        kept = [name for name, why in self.left_out if why == RANGE_0 or name in (STEP, DIRECTION, TURN)]
+        kept = [name for name, why in self.left_out if why == RANGE_0 or name in (*_OF_STEP, TURN)]
         return f"{said}; not varied: {', '.join(kept)}" if kept else said
 
     @property
@@ -262,17 +331,69 @@ class Verification:
         if self.failed:
             said = f"Does not hold{f' beyond {self.stated}' if self.holds_as_stated else ''}: {held}"
         elif own.problems or loop == UNSTABLE:  # nominally, which no count of varied runs says
-            said = f"Does not hold: {own.words if own.problems else 'the nominal loop is not stable'}."
+            said = f"Does not hold: {self.words(own) if own.problems else 'the nominal loop is not stable'}."
         elif not count:
             return self.statement
         else:
             holds = "Holds" if breakable(self.kpis) else "Not judged, since no limit on runs is stated"
-            said = f"{holds}{', but a stated margin is missed' if self.misses_margin else ''}: {held}"
+            where = " on the plants that an input can hold" if self.unheld else ""
+            said = f"{holds}{where}{', but a stated margin is missed' if self.misses_margin else ''}: {held}"
+        said += f" {self.apart}." if self.unheld else ""
         if count and self.never:
             said += f" Not even the nominal run has a finite {' or '.join(self.never)}."
         said += self._quiet
         usual = "; ".join(self._offer(*each) for each in self.usual)
         return f"{said}{f' Usual limits: {usual}.' if usual and count else ''} {self.margin_verdict}".rstrip()
+
+    @property
+    def apart(self) -> str:
+        """Return how many random runs do not count, and where no input can hold their plants."""
+        kept = sum(not run.problems for run in self.unheld)
+        said, found = list[str](), [run.unheld for run in self.unheld if run.unheld]
+        for channel in self.inputs:
+            own = [each for each in found if each.input == channel.name]
+            counts = [(sum(each.place == place for each in own), place) for place in PLACES]
+            places = " and ".join(f"{count} at the {place}" for count, place in counts if count)
+            if own:
+                said.append(f"{places}, within the range of {channel.name} ({_needed(channel, own)})")
+        unsafe = sum(run.end is End.UNSAFE for run in self.unheld)
+        also = f"; {kept} of them keep the limits all the same" if kept else ""
+        also += f"; {unsafe} of them end unsafe" if unsafe else ""
+        total = len(self.runs) + len(self.unheld)
+        return (
+            f"Not counted: {len(self.unheld)} of {total} varied plants, which cannot rest, whatever the "
+            f"tuning: {'; '.join(said)}{also}"
+        )
+
+    def words(self, run: VerifiedRun) -> str:
+        """Return what a run misses, with its values and the limits, or that it holds."""
+        by_title = {_miss_words(kpi): kpi for kpi in self.kpis}
+        said = (self._missed(by_title[p], run) if p in by_title else p for p in run.problems)
+        return "; ".join(said) or "holds"
+
+    def _missed(self, kpi: KPI, run: VerifiedRun, worst: str = "") -> str:
+        """Return which value of a KPI misses its limit, in words."""
+        return f"{kpi.title} {self._read(kpi, run.kpis[kpi.name])}{worst}, required {limits_text(kpi)}"
+
+    def _read(self, kpi: KPI, value: float) -> str:
+        """Return a value of a KPI with its unit, in enough digits to tell it from its limits."""
+        limit = kpi.at_most if value > kpi.at_most else kpi.at_least
+        read, *_ = comparable(kpi, [value, limit]) if np.isfinite(value) else [kpi.read(value)]
+        return with_unit(read_text(kpi, read, self.tuning.time_unit), kpi.unit)
+
+    @property
+    def misses(self) -> tuple[str, ...]:
+        """Return each limit that some random run misses, with the worst value and the number of runs."""
+        found, count = list[str](), len(self.runs)
+        by_title = {_miss_words(kpi): kpi for kpi in self.kpis}
+        for problem in dict.fromkeys(p for run in self.failed for p in run.problems):
+            runs = [run for run in self.failed if problem in run.problems]
+            said, kpi = problem, by_title.get(problem)
+            if kpi is not None:
+                farthest = max(runs, key=partial(_excess, kpi))
+                said = self._missed(kpi, farthest, " at worst" if len(runs) > 1 else "")
+            found.append(f"{said}: in {len(runs)} of {count} runs")
+        return tuple(found)
 
     @property
     def _quiet(self) -> str:
@@ -293,16 +414,19 @@ class Verification:
         """Return how sure it is that the tuning holds, in a sentence."""
         count = len(self.runs)
         if not count:
-            return f"Not verified: {'no run was completed' if self.planned else 'nothing can be varied'}."
+            none = "no run was completed" if self.planned else "nothing can be varied"
+            return f"Not verified: {f'no run counts. {self.apart}' if self.unheld else none}."
         never = f" Not counted, since infinite nominally, too: {', '.join(self.never)}." if self.never else ""
-        early = "" if count == self.planned else f" (stopped early, {self.planned} were planned)"
+        done = count + len(self.unheld)
+        early = "" if done == self.planned else f" (stopped early, {self.planned} were planned)"
+        which = "these ranges that an input can hold" if self.unheld else "these ranges"
         if len(self.failed) == count:
             return f"0 of {count} runs {self.asked}{early}.{never}"
         if 2 * len(self.failed) > count:  # a bound near 100 % says nothing
             least = np.floor(100 * (1 - most_probable(count - len(self.failed), count)))
             return (
-                f"{count - len(self.failed)} of {count} runs {self.asked}{early}: for plants within these "
-                f"ranges, {100 * (1 - self.share):.3g} % do not, at least {least:.0f} % with "
+                f"{count - len(self.failed)} of {count} runs {self.asked}{early}: for plants within {which}, "
+                f"{100 * (1 - self.share):.3g} % do not, at least {least:.0f} % with "
                 f"{100 * CONFIDENCE:g} % confidence.{never}"
             )
         # Rounded up to two digits, so that what is below it stays below.
@@ -310,7 +434,7 @@ class Verification:
         percent = np.ceil(100 * self.bound * 10.0**digits - 1e-9) / 10.0**digits
         return (
             f"{count - len(self.failed)} of {count} runs {self.asked}{early}: for plants within "
-            f"these ranges, the probability that one does not is below {percent:.3g} % with "
+            f"{which}, the probability that one does not is below {percent:.3g} % with "
             f"{100 * CONFIDENCE:g} % confidence.{never}"
         )
 
@@ -322,7 +446,7 @@ class Verification:
         if not aims:
             stated = "No limit that a run can break is stated. What counts: a safe end, and nothing"
         own = self.tuning.nominal
-        nominal = f"The nominal run: {own.words}." if own.problems else "The nominal run holds."
+        nominal = f"The nominal run: {self.words(own)}." if own.problems else "The nominal run holds."
         if self.tuning.margins == UNSTABLE and not own.problems:
             nominal = "The nominal loop is not stable, though its run ended safely."
         return f"{stated} infinite that is finite nominally. {nominal}"
@@ -403,7 +527,7 @@ class Verification:
         ]
         changed = [kpi for words, kpi in misses.items() if any(words in run.problems for run in freed)]
         held, count = len(self.runs) - len(self.failed) + len(freed), len(self.runs)
-        if len(changed) < len(kpis):
+        if len(changed) < len(kpis) or len(freed) < _CHANCE:
             return held, ""
         limits = [f"{_tightest(kpi, freed)} in place of {limits_text(kpi)}" for kpi in kpis]
         if len(kpis) == 1:
@@ -414,7 +538,8 @@ class Verification:
         # The limit is as these runs ask for: no proof that others keep it.
         return (
             held,
-            f"relax the {what}: with {new}, {held} of these {count} runs hold, of others perhaps fewer",
+            f"relax the {what}: with {new}, {held} of these {count} runs hold; as that fits these plants, "
+            f"verify it on other ones, with --seed {self.seed + 1}",
         )
 
     def _near(self, kpi: KPI, value: float) -> bool:
@@ -445,7 +570,7 @@ class Verification:
         the range of which `worsening` is a share.
         """
         pairs = zip(self.factors, self.alone[::2], self.alone[1::2], strict=False)
-        both = [[self._effect(factor, run) for run in runs] for factor, *runs in pairs]
+        both = [[*self._ends(factor, runs)] for factor, *runs in pairs]
 
         def badness(effect: Effect) -> tuple[bool, bool, float, int]:
             lost = bool(np.isinf(effect.worsening))
@@ -456,7 +581,7 @@ class Verification:
     @property
     def breaking(self) -> tuple[Effect, ...]:
         """Return the effects by which a limit is lost, the first few."""
-        return tuple(each for each in self.effects[:EFFECTS] if np.isinf(each.worsening))
+        return tuple(each for each in self.effects if np.isinf(each.worsening))[:_TRIED]
 
     def worst(self, count: int = 3) -> tuple[VerifiedRun, ...]:
         """Return the worst random runs: by limits that they lose, then by their worst KPI."""
@@ -466,6 +591,12 @@ class Verification:
             return run.end.interrupted, len(run.problems), max(shares, default=0.0)
 
         return tuple(sorted(self.runs, key=badness, reverse=True)[:count])
+
+    def _ends(self, factor: Factor, runs: Sequence[VerifiedRun]) -> Iterator[Effect]:
+        """Yield what a factor does at its ends; where no input can hold the plant, only if it is both."""
+        unheld = tuple(run for run in runs if run.unheld and run.problems)
+        for run in [run for run in runs if run not in unheld] or [self.tuning.nominal]:
+            yield replace(self._effect(factor, run), unheld=unheld)
 
     def _effect(self, factor: Factor, run: VerifiedRun) -> Effect:
         worse = ((doubled and share > 0.5, share, kpi) for share, doubled, kpi in self._worse(run))
@@ -485,6 +616,25 @@ class Verification:
                 span = max(abs(high - low), 1e-9 * abs(there), 1e-300)
                 doubled = here > 2 * there if there >= 0 else there < min(2 * here, 0)  # or halved
                 yield (here - there) / span if np.isfinite(span) else 0.0, doubled, kpi.title
+
+
+def _needed(channel: Channel, found: Sequence[Unheld]) -> str:
+    """Return which values of an input plants would need, below and above its range, and the range."""
+    needs, middle = [each.needs for each in found], (channel.low + channel.high) / 2
+    sides = [sorted(v for v in needs if (v > middle) == above) for above in (False, True)]
+    ends = ({number(float(f"{v:.4g}")): None for v in (side[0], side[-1])} for side in sides if side)
+    wanted = " or ".join(" to ".join(side) for side in ends)
+    return f"they need {with_unit(wanted, channel.unit)}; it has {_between(channel)} at most"
+
+
+def _between(channel: Channel) -> str:
+    return f"{number(channel.low)} to {quantity(channel.high, channel.unit)}"
+
+
+def _excess(kpi: KPI, run: VerifiedRun) -> float:
+    """Return by how much a run misses a limit of a KPI."""
+    value = run.kpis[kpi.name]
+    return max(value - kpi.at_most, kpi.at_least - value)
 
 
 def breakable(kpis: Iterable[KPI]) -> list[KPI]:
@@ -557,350 +707,3 @@ def most_probable(failed: int, count: int) -> float:
     if failed >= count:
         return 1.0
     return float(betaincinv(failed + 1, count - failed, CONFIDENCE))
-
-
-# --- What a verification leaves beside its best.json, as plain data for people and programs.
-
-EFFECTS = 4
-"""Number of factors that people are shown, those that hurt most."""
-FILE, BEST = "verification.json", "best.json"
-"""Names of the files of a verification and of its tuning, in one folder."""
-VARIED, USUAL = ("what varied", "between", "range is"), "usual"
-"""Headings of the rows of what varied: name, range with its unit, and whether it is the usual one."""
-NOT_VARIED = ("what was not varied", "why")
-"""Headings of the rows of what did not vary."""
-REFUSED = "not acceptable"
-"""Verdict of a person on a worst run that speaks against the tuning."""
-_NAMED = 8  # number of values of a run that are named
-
-
-@dataclass(frozen=True, slots=True)
-class WorstRun:
-    """One of the worst random runs."""
-
-    words: str  # which stated limits it loses, or that it holds
-    # values that differ from the nominal ones, by name: those of the step first, which a
-    # picture shows, then the one that moved most within its range
-    values: dict[str, float]
-    seed: int  # seed of the run
-    verdict: str = ""  # "acceptable" or "not acceptable"; "" if nobody was asked
-    units: dict[str, str] = field(default_factory=dict)  # units of the values by name, those that have one
-
-    @classmethod
-    def of(cls, run: VerifiedRun, factors: Sequence[Factor]) -> "WorstRun":
-        """Return one of the worst runs, with the factors that varied."""
-
-        def moved(f: Factor) -> tuple[bool, float]:
-            share = abs(run.values[f.name] - f.nominal) / max(f.high - f.nominal, f.nominal - f.low)
-            return f.name in STEPPED and share > 0, share
-
-        values = {f.name: run.values[f.name] for f in sorted(factors, key=moved, reverse=True)}
-        words = run.words if run.problems else f"most different from nominal, but {run.words}"
-        if run.problems and run.limiting:
-            words += f", {run.limiting} at its limit"
-        return cls(words, values, run.seed, units={f.name: f.unit for f in factors if f.unit})
-
-    @property
-    def text(self) -> str:
-        """Return the values that moved most, with four significant digits and units."""
-        shown = list(self.values.items())[:_NAMED]
-        words = [f"{n} {quantity(float(f'{v:.4g}'), self.units.get(n, ''))}" for n, v in shown]
-        others = len(self.values) - len(shown)
-        return ", ".join(words) + (f" and {others} other{'s' if others > 1 else ''}" if others else "")
-
-
-@dataclass(frozen=True, slots=True)
-class Verified:
-    """What a verification says. Texts are as people read them; "–" is unknown."""
-
-    headline: str  # whether it holds, how many runs do, usual limits if none is stated, margins
-    statement: str  # how sure it is that the limits are kept, in a sentence
-    limits_kept: str  # what a run is judged by, in a sentence
-    margins_kept: str  # whether the nominal loop keeps limits on margins, in a sentence; "" if unknown
-    advice: tuple[str, ...]  # what to do next if some run fails, a text each
-    share: float | None  # share of the runs that kept them; None without any
-    bound: float  # what the probability of not keeping them is below, with 95 % confidence
-    runs: int  # number of random runs
-    planned: int  # number that was asked for
-    baseline: str  # what the tuning is compared with, such as "current tuning"; "" if that is unknown
-    # A row for each KPI: title with unit, objective, nominal value, 5 % and 95 %
-    # quantile, then the same three of the baseline, if it is known
-    kpis: tuple[tuple[str, ...], ...]
-    # A row for each margin: name with unit, value, then that of the baseline, likewise.
-    # empty if there are none
-    margins: tuple[tuple[str, ...], ...]
-    basis: str  # what the margins hold for, or why there are none, in a sentence
-    effects: tuple[str, ...]  # what each factor does alone, the one that hurts most first, a text each
-    worst: tuple[WorstRun, ...]  # the worst random runs, the worst first
-    varied: tuple[tuple[str, str, str], ...]  # a row for each thing that varied, as in `VARIED`
-    left_out: tuple[LeftOut, ...]  # a row for each thing that did not, as in `NOT_VARIED`
-    scenario: str  # name of the scenario
-    version: str  # version of prefcal
-    best: str  # SHA-256 of the best.json, in hexadecimal digits
-    lines: tuple[str, ...] = ()  # the command that judges by the usual limits, if none is stated
-    limits: tuple[str, ...] = ()  # limits that were stated for it, beside those of the study, as typed
-    at: str = field(default="", compare=False)  # date, in ISO 8601; "" if nobody said
-
-    @classmethod
-    def of(
-        cls,
-        found: Verification,
-        scenario: Scenario,
-        baseline: str,
-        version: str,
-        best: str,
-        *,
-        robust: bool = False,
-    ) -> "Verified":
-        """Return what a verification of a scenario's tuning says, and of a `robust` study; see the class."""
-        both = [found.tuning, *([found.before] if found.before else [])]
-        margins, basis = margins_said([each.margins for each in both], found.tuning.time_unit)
-        left = bool(baseline and found.runs) and found.before is None
-        if found.before and found.before.runs:
-            compared = _compare_counts(found.runs, found.before.runs, baseline)
-        else:
-            compared = ""
-        alone = f" Stopped before the {baseline} ran on these plants." if left else ""
-        return cls(
-            headline=found.headline,
-            statement=found.statement + compared + alone,
-            limits_kept=found.limits,
-            margins_kept=found.margin_verdict,
-            advice=_next(found, scenario, baseline, robust),
-            share=found.share if found.runs else None,
-            bound=found.bound,
-            runs=len(found.runs),
-            planned=found.planned,
-            baseline=baseline if found.before else "",
-            kpis=tuple(_kpi_row(kpi, both) for kpi in found.kpis),
-            margins=margins,
-            basis=basis,
-            effects=tuple(_effect(each, found) for each in found.effects),
-            worst=tuple(WorstRun.of(run, found.factors) for run in found.worst()),
-            varied=tuple((f.name, _range(f), _kind(f, found.idle)) for f in found.factors),
-            left_out=found.left_out,
-            scenario=found.scenario,
-            version=version,
-            best=best,
-        )
-
-    @property
-    def verdict(self) -> str:
-        """Return the headline, with a person's verdicts against worst runs, and the date."""
-        refused = sum(each.verdict == REFUSED for each in self.worst)
-        judged = (
-            f" A person found {refused} of the {len(self.worst)} worst runs {REFUSED}." if refused else ""
-        )
-        when = f" {'Verified' if self.runs else 'Looked at'} {self.at}." if self.at else ""
-        return f"{self.headline}{judged}{when}"
-
-    @property
-    def kpi_columns(self) -> tuple[str, ...]:
-        """Return the headings of the rows of `kpis`."""
-        before = (f"{self.baseline}, nominal", "5 %", "95 %") if self.baseline else ()
-        return "KPI", "objective", "nominal", "5 %", "95 %", *before
-
-    @property
-    def margin_columns(self) -> tuple[str, ...]:
-        """Return the headings of the rows of `margins`."""
-        return "margin", "result", *((self.baseline,) if self.baseline else ())
-
-    @classmethod
-    def read(cls, folder: str | Path) -> "Verified | None":
-        """Return what was verified of the best.json in a folder; None if nothing, or of another one.
-
-        Raises:
-            ScenarioError: If the file is there, but cannot be read.
-        """
-        path, tuning = Path(folder) / FILE, Path(folder) / BEST
-        if not (path.is_file() and tuning.is_file()):
-            return None
-        try:
-            content = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError, RecursionError) as error:
-            raise ScenarioError(f"cannot read {str(path)!r}: {error}") from error
-        found = from_plain(content, cls, ScenarioError, repr(str(path)))
-        return found if found.best == digest_of(tuning) else None
-
-    def write(self, folder: str | Path, file: str = FILE) -> None:
-        """Write the file, durably. Raises ScenarioError, which says the result, if that is not possible."""
-        text = json.dumps(to_plain(self), indent=2, ensure_ascii=False, allow_nan=False)
-        path = Path(folder) / file
-        try:
-            write_durably(path, f"{text}\n".encode())
-        except OSError as error:
-            raise ScenarioError(f"cannot write {str(path)!r}: {error}. Not kept: {self.statement}") from error
-
-
-def _compare_counts(new: Sequence[VerifiedRun], old: Sequence[VerifiedRun], baseline: str) -> str:
-    """Return on how many plants the baseline holds; if those are fewer, also how the result does there."""
-    held, now = (sum(not run.problems for run in runs[: len(old)]) for runs in (old, new))
-    fewer = f"; after: {now} of these {len(old)}" if len(old) < len(new) else ""
-    return f" Before ({baseline}): {held} of {len(old)} of the same plants{fewer}."
-
-
-_ENOUGH = 10  # tunings that hold nominally, of which none that holds on other plants says something of all
-
-
-def _next(found: Verification, scenario: Scenario, baseline: str, robust: bool) -> tuple[str, ...]:
-    """Return what to do next if some run fails, or the loop is not stable, a text each."""
-    count = len(found.runs)
-    other = replace(found, tuning=found.before) if found.before and found.before.holds(count) else None
-    sound = baseline and other and not other.misses_margin and other.tuning.margins != UNSTABLE
-    before = f"take the tuning before ({baseline}): it holds in all {count} of the same runs" if sound else ""
-    if found.tuning.margins == UNSTABLE:
-        limited = any(kpi.name == "M_s" and kpi.met(0.0) is not None for kpi in found.kpis)
-        first = "begin elsewhere (--start)" if limited else "state a limit on M_s, such as at most 2,"
-        return (*filter(None, [before]), f"look for a stable loop: {first} and repeat the study")
-    if not found.failed:
-        return ()
-    alone = f"if nothing but {found.stated} counts, verify that alone, with --range task=0"
-    every = (
-        before,
-        found.limiting,
-        alone if found.holds_as_stated else "",
-        _another(found, scenario, robust) if scenario.simulated else "",
-    )
-    return (*filter(None, every), *found.advice)
-
-
-def _another(found: Verification, scenario: Scenario, robust: bool) -> str:
-    """Return which other tuning to look for, or what else to change; "" if neither helps."""
-    tried = found.others
-    ways = [] if found.limiting else ["change the controller"]  # what helps there is said of the input
-    change = " or ".join([*ways, "relax the limit"] if breakable(found.kpis) else ways)
-    due = f"{change}: " if change else ""
-    drawn = "" if tried is None else f"{tried.nominal or 'none'} of {tried.count} tunings drawn at random"
-    known = tried is not None and tried.nominal >= _ENOUGH  # of fewer, chance would say it
-    lost = [each.factor for each in found.effects if np.isinf(each.worsening)]
-    stuck = [e for e in found.breaking if known and tried and not tried.alone.get(e.factor.name)]
-    if tried and tried.known and found.tuning.nominal.problems:
-        start = typed_theta(scenario.space, scenario.references[tried.known[0]].tolist())
-        first = (
-            f"begin with {tried.known[0]}, which holds nominally, as this tuning does not: repeat the "
-            f"command of the study with {shlex.join(['--start', start])}"
-        )
-    elif tried and not tried.nominal and found.tuning.nominal.problems:
-        few = np.ceil(100 * most_probable(0, tried.count))
-        first = (
-            f"{due}this tuning does not hold even nominally, and {drawn} does (fewer than {few:.0f} % "
-            f"of the ranges do, with {100 * CONFIDENCE:g} % confidence)"
-        )
-    elif stuck:
-        names = " and ".join(f"{e.factor.name} ({_range(e.factor)})" for e in stuck)
-        alone = "each alone make" if len(stuck) > 1 else "alone makes"
-        first = f"{due}{names} {alone} this tuning fail, and each of the {drawn} that hold nominally"
-    elif found.holds_as_stated and not robust:  # on other plants, too: robust studies vary nothing else
-        first = ""
-    elif robust:
-        tighter = "start one with tighter limits, or " if breakable(found.kpis) else ""
-        only = f"the study was robust, which varies the plant and the noise only: {tighter}{change}"
-        first = only if change else ""
-    elif lost and not any(factor.robust for factor in lost):
-        names = " and ".join(factor.name for factor in lost[:EFFECTS])
-        first = f"{due}{names} alone can break it, which no robust study varies"
-    else:
-        first = _elsewhere(found, scenario, f" ({drawn} hold nominally)" if drawn else "")
-    return first
-
-
-def _elsewhere(found: Verification, scenario: Scenario, hold: str) -> str:
-    """Return how to look for a tuning that holds on other plants."""
-    start = shlex.join(["--robust", "--start", typed_theta(scenario.space, found.tuning.theta.tolist())])
-    return (
-        f"look for one that holds on other plants{hold}: repeat the command of the study with {start}; "
-        "with --taste and the name of a saved study, your answers count there"
-    )
-
-
-def _kpi_row(kpi: KPI, tunings: list[Robustness]) -> tuple[str, ...]:
-    cells = [labeled(kpi.title, kpi.unit), limits_text(kpi)]
-    for each in tunings:
-        values = (each.nominal.kpis.get(kpi.name), *each.quantiles(kpi.name))
-        cells += [value_text(kpi, value, each.time_unit) for value in values]
-    return tuple(cells)
-
-
-def margins_said(found: Sequence[Margins | str], time_unit: str) -> tuple[tuple[tuple[str, ...], ...], str]:
-    """Return `margins` and `basis` of `Verified`, given margins of the tuning and perhaps of the baseline."""
-    first = found[0]
-    if isinstance(first, str):
-        return (), first
-    stable = "; this loop is NOT STABLE" if first == UNSTABLE else ""
-    there = ""
-    if (moved := next((m for m in found if isinstance(m, Margins) and m.target), None)) is not None:
-        assert moved.target is not None
-        there = f": its start is {moved.place}, its target {moved.target.place}"
-    return tuple(_margin_rows(found, time_unit)), f"margins of {UNCONSTRAINED}{stable}{there}"
-
-
-def _margin_rows(found: Sequence[Margins | str], time_unit: str) -> Iterator[tuple[str, ...]]:
-    """Yield a row for each margin; a gain margin has a second number if the gain must not fall by more.
-
-    They are rounded as the KPIs are that have limits: what is printed is what a limit is compared with.
-    Of a plant that is another one at its target, each has two rows.
-    """
-    moved = any(isinstance(m, Margins) and m.target for m in found)
-    for name, unit, read in (
-        ("gain margin", "dB", _gain_margin),
-        ("phase margin", "°", lambda m: number(_phase(m))),
-        ("delay margin", time_unit, lambda m: number(m.delay)),
-        ("maximum sensitivity M_s", "", lambda m: number(_sensitivity(m))),
-        ("disk margin", "", lambda m: number(_disk(m))),
-    ):
-        for place in ("start", "target") if moved else ("",):
-            there = (m.target or m if isinstance(m, Margins) and place == "target" else m for m in found)
-            cells = (_margin(m, read) for m in there)
-            yield labeled(f"{name} at the {place}" if place else name, unit), *cells
-
-
-def _margin(m: Margins | str, read: Callable[[Margins], str]) -> str:
-    """Return what is read of margins as text; an unstable loop has none."""
-    if isinstance(m, str):
-        return number(None)
-    return "✗ unstable" if m == UNSTABLE else read(m)
-
-
-def _gain_margin(m: Margins) -> str:
-    down = f", {number(_decibels(m.gain_reduction))}" if 0 < m.gain_reduction < 1 else ""
-    return number(_decibels(m.gain)) + down
-
-
-def _decibels(factor: float) -> float:
-    return round(float(20 * np.log10(factor)), 2)
-
-
-def _phase(m: Margins) -> float:
-    return round(m.phase, 1)
-
-
-def _sensitivity(m: Margins) -> float:
-    return round(m.M_s, 2)
-
-
-def _disk(m: Margins) -> float:
-    return round(m.disk, 3)
-
-
-def _range(factor: Factor) -> str:
-    between = "or" if factor.ends else "to"
-    return f"{number(factor.low)} {between} {quantity(factor.high, factor.unit)}"
-
-
-def _kind(factor: Factor, idle: Collection[str]) -> str:
-    """Return where the range of a factor comes from, and whether the factor alone matters at all."""
-    said = "stated" if factor.stated else factor.told or USUAL
-    return f"{said}, no effect alone" if factor.name in idle else said
-
-
-def _effect(each: Effect, found: Verification) -> str:
-    """Return what a factor does alone: the limits that are lost, or the KPI that gets worst, in its unit."""
-    name = f"{each.factor.name} ({_range(each.factor)})"
-    if np.isinf(each.worsening):
-        return f"{name}: {'; '.join(each.run.problems)}"
-    kpi = next((kpi for kpi in found.kpis if kpi.title == each.kpi), None)
-    if kpi is None:
-        return f"{name}: no KPI gets worse"
-    pair = (found.tuning.nominal.kpis[kpi.name], each.run.kpis[kpi.name])
-    before, after = (read_text(kpi, value, found.tuning.time_unit) for value in comparable(kpi, pair))
-    return f"{name}: {kpi.title} {before} → {with_unit(after, kpi.unit)}"

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -30,6 +30,7 @@ STEPS = (2, 8, 32, 100, 300)
 """Numbers of runs after which those of a candidate end that has not kept the limits."""
 _APART = 2**40
 """Distance of the seed of the variations: `verify` draws others, so that it can judge what is found."""
+_AGAIN = 20  # plants that are drawn for a perturbed run until one can be held
 Theta = Float[np.ndarray, " n"]
 
 
@@ -58,7 +59,11 @@ class Perturbed(Source):
             factors = [each for each in self._varied.factors if each.robust]
             seed = self._seed + _APART
             noise = int(np.random.default_rng([seed, k, 1]).integers(2**31))
-            self._cases[k] = self._varied.at(draw(factors, seed, k)), noise
+            # What no tuning can hold would fail each: another plant takes its place.
+            drawn = [draw(factors, seed + _APART * again, k) for again in range(_AGAIN)]
+            unheld = self._varied.unheld or (lambda _: None)
+            values = next((each for each in drawn if unheld(each) is None), drawn[0])
+            self._cases[k] = self._varied.at(values), noise
         return self._cases[k]
 
     @cached_property
@@ -116,7 +121,8 @@ def _first_bad(reading: Reading, nominal: Outcome, runs: Sequence[Outcome], marg
 RUNS = 299
 """Runs that, if all are good, show with 95 % confidence that less than 1 % are not."""
 RIVALS = 60
-"""Other tunings: if none of them holds, less than 5 % of all do, with 95 % confidence."""
+"""Other tunings: if none of them holds, less than 5 % of all do, with 95 % confidence. So many runs that fail
+are tried with the task as stated before all are."""
 _HANGS = 3.0  # times the longest other wait, after which a run that is stopped counts as not ended
 _QUICK = 2.0  # seconds of simulation that are not worth starting other processes
 
@@ -169,8 +175,8 @@ def verify(
     found = _scenario(scenario, theta)
     thetas = [found.space.check(np.asarray(each, dtype=float)) for each in (theta, start) if each is not None]
     found, known = _with_kpis(found, thetas[0], noise, timeout), _varied(found)
-    factors, fixed = _within(known.factors, ranges or {})
-    tunings, factors, unfair = _nominally(found, known, thetas, factors, noise, timeout)
+    varying, fixed = _within(known.factors, ranges or {})
+    tunings, factors, unfair = _nominally(found, known, thetas, varying, noise, timeout)
     cases = tuple(_cases(factors, len(tunings), runs, seed, noise))
     if jobs is None and timeout is None and _seconds(found, thetas[0], clock) * len(cases) <= _QUICK:
         jobs = 1
@@ -178,39 +184,76 @@ def verify(
     many = partial(_done, jobs=jobs, timeout=limit, progress=progress, clock=clock)
     done = many(Variations(known.at, thetas, cases, noted=True))
     made = [_run(found, tunings[0].nominal, c, each) for c, each in zip(cases, done, strict=False)]
-    parts = made[:runs], made[runs + 2 * len(factors) :]
-    tuning, *before = (replace(t, runs=tuple(p)) for t, p in zip(tunings, parts, strict=False))
+    tunings, apart = _apart(known, tunings, made[:runs], made[runs + 2 * len(factors) :])
+    before = next((each for each in tunings[1:] if each.runs), None)
     left_out = (*known.left_out, *fixed, *unfair, *UNMODELED)
-    kept = before[0] if before and before[0].runs else None
-    alone = tuple(made[runs : runs + 2 * len(factors)])
-    verified = Verification(found.name, found.kpis, factors, left_out, runs, tuning, kept, alone)
-    if not (verified.failed and len(made) == len(cases)):
-        return verified
-    again, cut = _as_stated(found, known, verified, many)
-    verified = replace(verified, as_stated=again)
-    return verified if cut else replace(verified, others=_others(found, known, verified, noise, many))
+    alone = tuple(_noted(known, r) if r.problems else r for r in made[runs : runs + 2 * len(factors)])
+    inputs = known.loop.plant.inputs if known.loop else ()
+    verified = Verification(found.name, found.kpis, factors, left_out, runs, tunings[0], before, alone)
+    verified = replace(verified, unheld=apart, inputs=inputs, seed=seed)
+    return _again(found, known, verified, noise, many) if len(made) == len(cases) else verified
 
 
-def _as_stated(
-    scenario: Scenario, known: Varied, verified: Verification, many: "_Many"
-) -> tuple[tuple[VerifiedRun, ...], bool]:
-    """Return the random runs that failed with the task as stated, and if all of these hold, the others.
+def _apart(
+    known: Varied, tunings: list[Robustness], *runs: list[VerifiedRun]
+) -> tuple[list[Robustness], tuple[VerifiedRun, ...]]:
+    """Return tunings with those of their runs that count, and the runs of the first that do not.
 
-    Plants, noise and all else are the same ones: so who fails there fails at what nobody stated. With
-    them comes whether Ctrl-C ended that before all had run.
+    Plants that no input within its range can hold say nothing of a tuning: all of them stand apart if one
+    of them fails, whether others hold or not, so that what counts is chosen by the plant alone.
     """
-    own, names, found = verified.tuning, {f.name for f in verified.unstated}, list[VerifiedRun]()
-    for runs in (verified.failed, [run for run in verified.runs if not run.problems]) if names else ():
-        values = [{name: v for name, v in run.values.items() if name not in names} for run in runs]
-        cases = [_Case(0, v, run.seed) for v, run in zip(values, runs, strict=True)]
-        done = many(Variations(known.at, [own.theta], cases, noted=True))
-        made = [_run(scenario, own.nominal, c, each) for c, each in zip(cases, done, strict=False)]
-        if len(made) < len(cases):  # of some, nothing follows
-            return tuple(found), True
-        found += made
-        if any(run.problems for run in made):
-            break
-    return tuple(found), False
+    noted, lost = list[VerifiedRun](), set[int]()
+    if any(_noted(known, run).unheld for run in runs[0] if run.problems):
+        noted = [_noted(known, run) for run in runs[0]]
+        lost = {k for k, run in enumerate(noted) if run.unheld}
+    counted = [tuple(run for k, run in enumerate(made) if k not in lost) for made in runs]
+    held = [replace(t, runs=made) for t, made in zip(tunings, counted, strict=False)]
+    return held, tuple(run for run in noted if run.unheld)
+
+
+def _noted(known: Varied, run: VerifiedRun) -> VerifiedRun:
+    """Return a run that says where no input can hold its plant."""
+    with suppress(Exception):  # people's own plants can raise anything where they never are
+        return replace(run, unheld=known.unheld(run.values) if known.unheld else None)
+    return run
+
+
+def _again(
+    scenario: Scenario, known: Varied, verified: Verification, seed: int, many: "_Many"
+) -> Verification:
+    """Return a verification in which some run fails with what the task as stated does, and other tunings.
+
+    Random runs that failed, the first of them, run again with the task as stated: on the same plants, with
+    the same noise. So who fails there fails at what nobody stated. If all of these hold, the others run
+    there, too. Where the tuning does not even hold nominally, nothing is excused by that.
+    """
+    own, names, nominal = verified.tuning, {f.name for f in verified.unstated}, verified.tuning.nominal
+    if not verified.failed:
+        return verified
+    runs = verified.failed[:RIVALS] if names and not nominal.problems else ()
+    thetas, cases = _rivals(verified, scenario, seed) if scenario.simulated else ([], ())
+    stated = [_stated_case(names, run) for run in runs]
+    # All in one go: to start processes takes as long as many runs.
+    first = [replace(case, which=len(thetas)) for case in stated]
+    done = many(Variations(known.at, [*thetas, own.theta], [*first, *cases], noted=True))
+    made = [_run(scenario, nominal, c, each) for c, each in zip(stated, done, strict=False)]
+    if len(made) < len(stated):  # of some, nothing follows
+        return verified
+    others = _count_rivals(scenario, verified, cases, done[len(stated) :]) if cases else None
+    verified = replace(verified, as_stated=tuple(made), others=others)
+    if len(done) < len(stated) + len(cases) or not made or any(run.problems for run in made):
+        return verified
+    good = [run for run in verified.runs if not run.problems]
+    rest = [_stated_case(names, run) for run in (*verified.failed[RIVALS:], *good)]
+    done = many(Variations(known.at, [own.theta], rest, noted=True))
+    if len(done) == len(rest):
+        made += [_run(scenario, nominal, c, each) for c, each in zip(rest, done, strict=True)]
+    return replace(verified, as_stated=tuple(made))
+
+
+def _stated_case(names: Collection[str], run: VerifiedRun) -> "_Case":
+    """Return a run with what has one of these names as stated."""
+    return _Case(0, {name: v for name, v in run.values.items() if name not in names}, run.seed)
 
 
 def _within(known: tuple[Factor, ...], ranges: Ranges) -> tuple[tuple[Factor, ...], list[LeftOut]]:
@@ -439,16 +482,6 @@ def _run(scenario: Scenario, nominal: VerifiedRun, case: _Case, result: HasKPIs)
     kpis = {name: value for name, value in result.kpis.items() if not name.startswith(_LIMITED)}
     limiting = "".join(name.removeprefix(_LIMITED) for name in result.kpis if name not in kpis)
     return VerifiedRun(case.values, case.seed, result.end, kpis, problems, limiting)
-
-
-def _others(
-    scenario: Scenario, known: Varied, verified: Verification, seed: int, many: _Many
-) -> Others | None:
-    """Return how other tunings fare; None if a run is no simulation, or some are missing."""
-    if not scenario.simulated:
-        return None
-    thetas, cases = _rivals(verified, scenario, seed)
-    return _count_rivals(scenario, verified, cases, many(Variations(known.at, thetas, cases)))
 
 
 def _rivals(verified: Verification, found: Scenario, seed: int) -> tuple[list[Theta], tuple[_Case, ...]]:

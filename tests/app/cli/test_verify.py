@@ -6,7 +6,7 @@ import shlex
 import pytest
 
 from prefcal_app.cli import look_run
-from prefcal_scenarios.verification.result import Verified
+from prefcal_scenarios.verification.said import Verified
 
 LAG = {"K": 2.0, "T_i": 20.0, "T_d": 3.0, "T_f": 3.0, "b": 0.5, "T_t": 20.0}
 
@@ -164,7 +164,7 @@ def test_of_a_rig_only_its_limits_are_said(prefcal, best, tmp_path, kind):
     words = " ".join(out.split())
     for text in (
         "Not verified: nothing can be varied.",
-        "The nominal run: overshoot misses its objective.",
+        "The nominal run: overshoot 7, required ≤ 5.",
         "No margins: the plant is not known as equations",
         "a rig or a live plant, which cannot be varied: verify a model of it",
     ):

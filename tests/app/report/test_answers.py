@@ -26,7 +26,7 @@ from prefcal_env.disk import digest_of
 from prefcal_env.experiments.experiment import End
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.scenario import KPI
-from prefcal_scenarios.verification.result import BEST
+from prefcal_scenarios.verification.said import BEST
 from support.verified import FOUND
 from toy_study import PID_SETTINGS, toy_record
 
@@ -134,6 +134,7 @@ def test_what_was_verified_is_said_with_what_was_not():
     assert found["Varied"] == (
         "dead time 4.8 to 7.2 s (stated)",
         "noise of the sensors 0 to 0.2 %",
+        "drawn with seed 0",
         "beyond these ranges: not verified",
     )
     assert found["Not varied"] == (

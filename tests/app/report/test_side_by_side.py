@@ -13,8 +13,9 @@ from prefcal_env.experiments.experiment import Channel, End
 from prefcal_env.plants.plant import Plant
 from prefcal_scenarios import load
 from prefcal_scenarios.described.pid_scenario import pid_scenario
+from prefcal_scenarios.described.steps import Mark
 from prefcal_scenarios.scenario import panels_of
-from prefcal_scenarios.style import GOOD
+from prefcal_scenarios.style import GOOD, LIMIT
 from prefcal_scenarios.verification.result import VerifiedRun
 from prefcal_scenarios.verification.varied_runs import replays
 from prefcal_scenarios.wording import number
@@ -75,6 +76,24 @@ def test_a_run_with_another_step_is_drawn_with_the_target_it_had():
     assert titles == ["T [°C] · target 100", f"T [°C] · target {number(end)}"]
     drawn_at = [line.get_ydata()[0] for axes in outputs for line in axes.lines if line.get_color() == GOOD]
     assert drawn_at == pytest.approx([100.0, end])
+
+
+def test_stated_limits_are_drawn_in_each_picture_where_they_are_in_its_run():
+    scenario = pid_scenario(Plant.of(([1.6], [40.0, 1.0]), delay=7.0, outputs=["T"]))
+    made, end = scenario.run(scenario.references["robust"]), np.inf
+    marks = {
+        "nominal": [Mark("T", 3.0, 3.0, 0.0, 9.0), Mark("T", 1.0, 2.0), Mark("T", -end, end, 5.0, 5.0)],
+        "worst run 1": [Mark("T", 4.0, 4.0, 0.0, 9.0)],
+    }
+    drawn = figure(scenario, made, made, ("nominal", "worst run 1"), own=True, marks=marks)
+    lines = [
+        [(*line.get_xdata(), *line.get_ydata()) for line in axes.lines if line.get_color() == LIMIT]
+        for axes in drawn.axes
+        if axes.get_title("left").startswith("T")
+    ]
+    assert lines == [[(0.0, 9.0, 3.0, 3.0), (5.0, 5.0, 0, 1)], [(0.0, 9.0, 4.0, 4.0)]]
+    (band,) = (patch for axes in drawn.axes for patch in axes.patches)
+    assert band.get_extents().width > 0
 
 
 def test_three_reasons_of_a_worst_run_stand_under_curves_that_keep_their_size():

@@ -10,7 +10,7 @@ from PIL import Image, ImageColor
 
 from prefcal_env.study import verify
 from prefcal_scenarios.style import BEST, OTHERS
-from prefcal_scenarios.verification.result import Verified
+from prefcal_scenarios.verification.said import Verified
 from support.browser import Watched
 from support.page_checks import pixels, serious
 from toy_study import TOY

@@ -10,7 +10,7 @@ from prefcal_app import report
 from prefcal_app.web import api
 from prefcal_env.disk import digest_of
 from prefcal_env.errors import ScenarioError, StaleError
-from prefcal_scenarios.verification.result import BEST, Verified, WorstRun
+from prefcal_scenarios.verification.said import BEST, Verified, WorstRun
 from support.verified import FOUND
 from support.windows import make_room
 

@@ -16,6 +16,7 @@ from prefcal_env.plants.systems import system_of
 from prefcal_scenarios.described.design import process_of
 from prefcal_scenarios.described.lqr_scenario import lqr_scenario
 from prefcal_scenarios.described.pid_scenario import pid_scenario
+from prefcal_scenarios.described.steps import Mark, marks_of
 from prefcal_scenarios.verification.result import margins_at
 
 VALVE = Channel("valve", "%", 0, 100)
@@ -405,6 +406,31 @@ def test_a_run_that_had_not_arrived_when_the_load_came_never_recovers():
     assert abs(before - schedule.loops[0].target) > 0.05 * abs(before - schedule.loops[0].start)
     assert run.kpis["settling_time"] == run.kpis["recovery"] == np.inf
     assert np.isfinite(scenario.run(scenario.references["robust"]).kpis["recovery"])
+
+
+def test_an_output_that_never_leaves_its_band_needs_no_time_to_recover():
+    scenario = pid_scenario(PLANTS["lag with dead time"])
+    run, target = scenario.run(scenario.references["robust"]), scenario.run.kpis.design.loops[0].target
+    late = run.t[1] / 4  # as samples that do not fall on the instant at which the load sets in
+    kpis = scenario.run.kpis(replace(run, t=run.t + late, y=np.full_like(run.y, target)))
+    assert (kpis["settling_time"], kpis["recovery"]) == (0.0, 0.0)
+
+
+def test_stated_limits_have_their_place_in_a_picture():
+    made = pid_scenario(PLANTS["lag with dead time"], reference={"T": 50.0})  # from 40
+    limits = {"overshoot": 10.0, "settling_time": 60.0, "recovery": 1e6, "M_s": 2.0}
+    kpis = tuple(replace(kpi, at_most=limits.get(kpi.name, np.inf)) for kpi in made.kpis)
+    run, phase = made.source.varied().at({})(made.references["robust"]), made.run.kpis.design.phase
+    band = Mark("T", 49.5, 50.5)
+    assert 60.0 < phase < 1e6  # what is due after the end is a limit that nothing breaks by being late
+    assert marks_of(kpis, run, 2 * phase) == [
+        band,
+        Mark("T", -np.inf, np.inf, 60.0, 60.0),
+        Mark("T", 51.0, 51.0, 0.0, phase),
+    ]
+    assert marks_of(made.kpis, run, 2 * phase) == []
+    turned = made.source.varied().at({"direction": -1.0})(made.references["robust"])
+    assert Mark("T", 29.0, 29.0, 0.0, phase) in marks_of(kpis, turned, 2 * phase)
 
 
 def test_the_brief_says_what_was_chosen():

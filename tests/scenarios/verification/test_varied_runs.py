@@ -18,7 +18,8 @@ from prefcal_env.sources.varied import UNMODELED, Factor, within
 from prefcal_scenarios import KPI, Scenario, load
 from prefcal_scenarios.described.pid_scenario import pid_scenario
 from prefcal_scenarios.verification import replay, verify
-from prefcal_scenarios.verification.result import Others, Verified, most_probable
+from prefcal_scenarios.verification.result import Others, most_probable
+from prefcal_scenarios.verification.said import Verified
 
 SPACE = KnobSpace([Knob("gain", 0.0, 10.0)])
 THETA = np.array([2.0])
@@ -63,7 +64,7 @@ def test_numbers_among_the_arguments_of_a_run_vary_and_limits_are_counted():
     assert (second.factor.name, second.kpi) == ("stiffness", "pull")
     assert found.worst(3)[0].values["mass"] < 2.0 / 2.1
     assert Verified.of(found, SPRING, "", "1.0", "").effects == (
-        "mass (0.9 to 1.1): weight misses its objective",
+        "mass (0.9 to 1.1): weight 2.22, required ≤ 2.1",
         "stiffness (3.6 to 4.4): pull 4 → 4.4",
     )
 
@@ -198,8 +199,8 @@ def test_beside_some_failed_runs_stands_what_to_do_next():
         "change the controller or relax the limit"
     )
     assert relax == (
-        f"relax the limit of weight: with ≤ {heaviest:.4g} in place of ≤ 2.1, 200 of these 200 runs hold, "
-        "of others perhaps fewer"
+        f"relax the limit of weight: with ≤ {heaviest:.4g} in place of ≤ 2.1, 200 of these 200 runs hold; as "
+        "that fits these plants, verify it on other ones, with --seed 1"
     )
     assert "Before (current tuning): 200 of 200 of the same plants." in said.statement
     (alone,) = Verified.of(found, SPRING, "", "1.0", "").advice
@@ -345,7 +346,7 @@ def test_where_the_range_of_an_input_ends_no_other_controller_is_advised():
     untried = replace(loose, others=None)
     assert Verified.of(untried, oven, "", "1.0", "", robust=True).advice == said.advice[:1]
     assert not any("change the controller" in each for each in said.advice)
-    assert said.worst[0].words == "settling time misses its objective, heater at its limit"
+    assert said.worst[0].words == "settling time 45 s, required ≤ 41 s, heater at its limit"
     assert {*found.failed[0].kpis} == {"ts"}  # that it is limited is no KPI
     swings = verify(oven, np.array([8.0]), 60, jobs=1)
     assert {each.limiting for each in swings.failed} == {""}
@@ -415,8 +416,8 @@ def test_an_outlier_does_not_set_the_limit_that_is_advised():
     assert 0 < late < len(found.failed) / 2
     (relax,) = found.advice
     assert relax.endswith(
-        f"with ≤ {most:.4g} s in place of ≤ 1.02 s, {60 - late} of these 60 runs hold, "
-        "of others perhaps fewer"
+        f"with ≤ {most:.4g} s in place of ≤ 1.02 s, {60 - late} of these 60 runs hold; "
+        "as that fits these plants, verify it on other ones, with --seed 1"
     )
 
 
@@ -461,8 +462,8 @@ def test_no_relaxed_limit_is_advised_to_a_run_that_never_arrives():
     assert 0 < len(slow) < len(late)
     (relax,) = found.advice
     held = 60 - len(late) + len(slow)
-    words = f"with ≤ {max(slow):.4g} s in place of ≤ 1.02 s, {held} of these 60 runs hold, "
-    words += "of others perhaps fewer"
+    words = f"with ≤ {max(slow):.4g} s in place of ≤ 1.02 s, {held} of these 60 runs hold; "
+    words += "as that fits these plants, verify it on other ones, with --seed 1"
     assert relax == f"relax the limit of settling time: {words}"
 
 
@@ -479,13 +480,13 @@ def test_limits_that_are_missed_together_are_relaxed_together():
         found.advice
     )  # who settles too late overshoots too far as well, so that limit alone is no help
     most = masses[masses <= 1.06].max()
-    words = f"with ≤ {10 * most:.4g} % in place of ≤ 10.2 %, {one} of these 60 runs hold, "
-    words += "of others perhaps fewer"
+    words = f"with ≤ {10 * most:.4g} % in place of ≤ 10.2 %, {one} of these 60 runs hold; "
+    words += "as that fits these plants, verify it on other ones, with --seed 1"
     assert alone == f"relax the limit of overshoot: {words}"
     assert both == (
         f"relax the limits together: with settling time ≤ {heaviest:.4g} s in place of ≤ 1.06 s, "
-        f"overshoot ≤ {10 * heaviest:.4g} % in place of ≤ 10.2 %, 60 of these 60 runs hold, "
-        "of others perhaps fewer"
+        f"overshoot ≤ {10 * heaviest:.4g} % in place of ≤ 10.2 %, 60 of these 60 runs hold; "
+        "as that fits these plants, verify it on other ones, with --seed 1"
     )
 
 
@@ -596,9 +597,9 @@ def test_a_run_that_hangs_when_all_are_stopped_is_one_that_does_not_keep_the_lim
         assert "6 of 7 runs end safely and settle" in found.statement
 
 
-@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize("count", [1, 2])
 def test_ctrl_c_while_failed_runs_run_again_starts_no_other_ones(count):
-    """The runs themselves are one count; those that failed another, the rest as stated, other tunings."""
+    """The runs themselves are one count; those that failed, with other tunings, another; then the rest."""
     counts = []
 
     def stop(arrived, total):
@@ -611,10 +612,10 @@ def test_ctrl_c_while_failed_runs_run_again_starts_no_other_ones(count):
     found = verify(tracking, THETA, 100, jobs=1, progress=stop)
     failed = len(found.failed)
     assert failed > 2
-    assert counts[1:3] == [failed, 100 - failed][:count]
-    assert len(counts) == count + 1, "Ctrl-C ends all that follows"
-    assert len(found.as_stated) == [0, failed, 100][count - 1]
-    assert found.others is None
+    tried = 60 * (1 + len(found.breaking))
+    assert counts[1:] == [failed + tried, 100 - failed][:count], "Ctrl-C ends all that follows"
+    assert len(found.as_stated) == [0, failed][count - 1]
+    assert (found.others is None) == (count == 1)
 
 
 def test_ctrl_c_after_the_last_run_adds_none():
@@ -679,9 +680,11 @@ def test_a_change_of_a_kind_scales_usual_ranges_and_leaves_two_values_alone():
     assert wide["time constant of temperature"] == pytest.approx((1, 1.2))
     assert "direction" not in lows_and_highs("lag", {"direction": 0})
     reactor = lows_and_highs("cstr", {"parameter": 0.2})
-    assert reactor["E"] == pytest.approx((0.98, 1.02))
-    assert reactor["H"] == pytest.approx((0.8, 1.2))
-    assert lows_and_highs("cstr", {"E": 0.2})["E"] == pytest.approx((0.8, 1.2))
+    assert reactor["activation energy"] == pytest.approx((0.98, 1.02))
+    assert reactor["heat of reaction"] == pytest.approx((0.8, 1.2))
+    assert lows_and_highs("cstr", {"activation energy": 0.2})["activation energy"] == pytest.approx(
+        (0.8, 1.2)
+    )
 
 
 @pytest.mark.parametrize(
@@ -789,3 +792,88 @@ def test_a_tuning_before_that_never_settles_does_not_hold_beside_one_that_does()
     said = Verified.of(found, SPRING, "current tuning", "1.0", "").statement
     assert said.startswith("20 of 20 runs end safely and settle")
     assert said.endswith("Before (current tuning): 0 of 20 of the same plants.")
+
+
+def test_plants_that_no_input_can_hold_are_counted_apart_and_named():
+    """The steady inputs of the reactor are computed by hand: its balances are solved for T and T_c."""
+    scenario = load("cstr")
+    found = verify(scenario, scenario.references["paper, preferences"], 24, jobs=1)
+
+    def steady(run, C_A):
+        names = "feed per volume", "rate constant", "heat of reaction", "activation energy", "heat capacity"
+        F, k, H, E, cap, US = (run.values[name] for name in (*names, "heat transfer"))
+        rate = F * (10.0 - C_A)
+        T = E / (1.987 * np.log(k * C_A / rate))
+        return T + (F * cap * (T - 298.15) - H * rate) / US
+
+    def inside(run, C_A):
+        half = 13.0 * run.values["range of coolant temperature"]
+        return abs(steady(run, C_A) - 297.0) <= half
+
+    runs = (*found.runs, *found.unheld)
+    start = [run for run in runs if not inside(run, 8.56)]
+    band = (1.94, 2.0, 2.06)  # what is within the accepted 3 % counts as there
+    rest = [run for run in runs if inside(run, 8.56)]
+    at_target = [run for run in rest if not any(inside(run, C_A) for C_A in band)]
+    assert len(start) > 2 < len(at_target)
+    assert {run.seed for run in found.unheld} == {run.seed for run in (*start, *at_target)}
+    places = [run.unheld.place for run in found.unheld]
+    assert [places.count(place) for place in ("start", "target")] == [len(start), len(at_target)]
+    for run in start:
+        assert run.unheld.needs == pytest.approx(steady(run, 8.56), abs=0.01)
+    words = (
+        f"Not counted: {len(found.unheld)} of 24 varied plants, which cannot rest, whatever the tuning: "
+        f"{len(start)} at the start and {len(at_target)} at the target, within the range of coolant "
+        "temperature "
+    )
+    assert words in found.headline
+    assert f"of {24 - len(found.unheld)} runs keep the stated limits" in found.statement
+    assert "that an input can hold" in found.statement
+    said = Verified.of(found, scenario, "", "1.0", "")
+    assert dict(said.left_out)["plants that no input can hold"] == found.apart
+    assert "it has 284 to 310 K at most" in found.apart
+    good = replace(found, tuning=replace(found.tuning, runs=tuple(r for r in found.runs if not r.problems)))
+    assert good.headline.startswith("Holds on the plants that an input can hold: ")
+    none = replace(found, tuning=replace(found.tuning, runs=()))
+    assert none.statement.startswith("Not verified: no run counts. Not counted: ")
+
+
+def test_each_limit_that_is_missed_is_said_with_its_worst_value_and_in_how_many_runs():
+    found = verify(SPRING, THETA, 200, jobs=1)
+    worst = max(run.kpis["weight"] for run in found.runs)
+    assert found.misses == (
+        f"weight {worst:.3g} at worst, required ≤ 2.1: in {len(found.failed)} of 200 runs",
+    )
+    assert Verified.of(found, SPRING, "", "1.0", "").misses == found.misses
+
+
+def test_what_breaks_a_tuning_is_shown_up_to_six_and_then_named():
+    found = verify(SPRING, THETA, 200, jobs=1)
+    said = Verified.of(found, SPRING, "", "1.0", "")
+    assert said.breaking == ("mass",)
+    eight = replace(said, effects=tuple("abcdefgh"), breaking=tuple("abcdefg"))
+    assert eight.hurting == (*"abcdef", "1 more lose a limit alone: g")
+    assert replace(eight, breaking=tuple("abcde")).hurting == tuple("abcde")
+    assert replace(eight, breaking=()).hurting == tuple("abcd")
+
+
+def test_no_limit_is_relaxed_for_what_can_as_well_be_chance():
+    found = verify(SPRING, THETA, 200, jobs=1)
+    good = [run for run in found.runs if not run.problems]
+    for count, advised in ((4, False), (5, True)):
+        few = replace(found, tuning=replace(found.tuning, runs=(*good, *found.failed[:count])))
+        assert bool(few.advice) is advised
+    other = verify(SPRING, THETA, 200, seed=1, jobs=1)
+    assert {run.seed for run in found.runs}.isdisjoint(run.seed for run in other.runs)
+    assert other.advice[0].endswith("with --seed 2")
+    assert Verified.of(other, SPRING, "", "1.0", "").seed == 1
+
+
+def test_of_many_runs_that_fail_the_first_sixty_are_tried_as_stated():
+    tracking = replace(SPRING, run=Tracking(), kpis=(KPI("weight", "weight", at_most=2.05),))
+    found = verify(tracking, THETA, 300, jobs=1)
+    assert len(found.failed) > 60 == len(found.as_stated)
+    good = sum(not run.problems for run in found.as_stated)
+    assert f"at the stated target and load, {good} of the first 60 that fail do" in found.headline
+    heavy = replace(SPRING, run=Tracking(), kpis=(KPI("weight", "weight", at_most=1.9),))
+    assert verify(heavy, THETA, 100, jobs=1).as_stated == ()  # it does not hold nominally

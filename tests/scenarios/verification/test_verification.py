@@ -33,15 +33,8 @@ from prefcal_scenarios.described.lqr_scenario import lqr_scenario
 from prefcal_scenarios.described.pid_scenario import pid_scenario
 from prefcal_scenarios.names import CLOSED_LOOPS
 from prefcal_scenarios.verification import verify
-from prefcal_scenarios.verification.result import (
-    BEST,
-    FILE,
-    Verified,
-    VerifiedRun,
-    WorstRun,
-    margins_at,
-    margins_said,
-)
+from prefcal_scenarios.verification.result import VerifiedRun, margins_at, margins_said
+from prefcal_scenarios.verification.said import BEST, FILE, Verified, WorstRun
 from prefcal_scenarios.verification.varied_runs import Perturbed, runs_kept
 from prefcal_scenarios.wording import measured
 from support.varied_loops import (
@@ -174,12 +167,46 @@ def test_start_size_and_direction_of_the_step_vary_and_kpis_are_measured_by_the_
     assert turned.u[-1] - before == pytest.approx(before - nominal.u[-1], rel=0.01)
 
 
-def test_near_a_limit_the_step_stays_and_that_is_said():
-    narrow = [Channel("temperature", "°C", high=61.0)]
-    tight = Plant.of(([0.8], [160.0, 28.0, 1.0]), inputs=[Channel("valve", "%", 0, 100)], outputs=narrow)
-    subject = found(pid_scenario(tight))
-    assert "direction" not in [f.name for f in subject.factors]
-    assert "one is near" in dict(subject.left_out)["start, size and direction of the step"]
+def near(low, high, valve=(0.0, 100.0)):
+    """Return what varies of a step from 40 to 50 °C between limits, and what does not."""
+    outputs, inputs = [Channel("temperature", "°C", low=low, high=high)], [Channel("valve", "%", *valve)]
+    plant = Plant.of(([0.8], [160.0, 28.0, 1.0]), inputs=inputs, outputs=outputs)
+    subject = found(pid_scenario(plant, reference={"temperature": 50.0}))
+    varied = {f.name: (f.low, f.high) for f in subject.factors if f.kind == "task"}
+    return varied, dict(subject.left_out)
+
+
+def test_near_a_limit_the_rest_of_the_step_varies_and_the_limit_is_named():
+    varied, left_out = near(-np.inf, 61.0)  # 1.1 steps beyond the target
+    assert (varied["size of the step"], varied["start"], varied["direction"]) == (
+        (0.8, 1.0),
+        (-0.5, 0.0),
+        (-1.0, 1.0),
+    )
+    limit = "with less than 13 °C left to its limit of 61 °C"
+    assert left_out["a larger step"] == f"temperature would go to 52 °C, {limit}"
+    assert left_out["a start nearer to the target"] == f"temperature would go to 57 °C, {limit}"
+    varied, left_out = near(-np.inf, 66.0)
+    assert (varied["size of the step"], varied["start"]) == ((0.8, 1.2), (-0.5, 0.0))
+    assert "a larger step" not in left_out
+    varied, left_out = near(36.0, np.inf)
+    assert (varied["size of the step"], varied["start"]) == ((0.8, 1.2), (0.0, 0.5))
+    assert left_out["a start farther from the target"] == (
+        "temperature would go to 35 °C, with less than 3 °C left to its limit of 36 °C"
+    )
+    assert left_out["direction"] == (
+        "temperature would go to 28 °C, with less than 3 °C left to its limit of 36 °C"
+    )
+
+
+def test_the_range_of_an_input_that_keeps_the_step_as_it_is_is_named():
+    varied, left_out = near(-np.inf, np.inf, valve=(0.0, 64.0))  # from 25.6 to 50 °C
+    assert varied["size of the step"] == (0.8, 1.0)
+    assert (
+        left_out["a larger step"] == "temperature 54.88 °C would need valve 68.6 %, beyond its limit of 64 %"
+    )
+    assert varied["start"] == (-0.5, 0.0)
+    assert left_out["direction"] == "temperature −11 °C would need valve −13.75 %, beyond its limit of 0 %"
 
 
 GRID = [[([12.0], [16.0, 1]), ([-18.0], [20.0, 1])], [([6.5], [11.0, 1]), ([-19.0], [14.0, 1])]]
@@ -528,12 +555,19 @@ def test_the_reactor_varies_its_parameters_but_not_the_gas_constant():
     scenario = load("cstr")
     subject = found(scenario)
     names = [f.name for f in subject.factors]
-    assert names[:6] == ["F V", "k 0", "H", "E", "rho Cp", "US V"]
-    assert "R" not in names
+    assert [(f.name, f.unit) for f in subject.factors[:6]] == [
+        ("feed per volume", "1/h"),
+        ("rate constant", "1/h"),
+        ("heat of reaction", "kcal/kgmol"),
+        ("activation energy", "kcal/kgmol"),
+        ("heat capacity", "kcal/(m³ K)"),
+        ("heat transfer", "kcal/(m³ K h)"),
+    ]
+    assert "gas constant" not in names
     theta = scenario.references["paper, automated"]
     own, same = scenario.run(theta), subject.at({})(theta)
     assert dict(same.kpis) == pytest.approx(dict(own.kpis))
-    fast = subject.at({"k 0": 3.6e7})(theta)
+    fast = subject.at({"rate constant": 3.6e7})(theta)
     assert fast.x[0, 1] == pytest.approx(8.56)  # it rests there, at a lower temperature
     assert fast.x[0, 0] < own.x[0, 0] - 0.1
 
@@ -681,8 +715,8 @@ def run_of(problems=()):
 
 
 def test_a_worst_run_names_what_moved_most_within_its_range_with_units():
-    worst = WorstRun.of(run_of(("overshoot misses its objective",)), FACTORS)
-    assert worst.words == "overshoot misses its objective"
+    worst = WorstRun.of(run_of(("overshoot misses its objective",)), "overshoot 12 %", FACTORS)
+    assert worst.words == "overshoot 12 %"
     assert worst.text == (
         "dead time 7.035 s, noise 0.001172 of the step, gain 4 1.04, gain 3 1.03, gain 2 1.02, "
         "gain 1 1.01, jitter 3.082e−05, gain 0 1"
@@ -693,7 +727,7 @@ def test_a_worst_run_names_what_moved_most_within_its_range_with_units():
 
 
 def test_a_worst_run_that_keeps_the_limits_is_only_the_most_different():
-    assert WorstRun.of(run_of(), FACTORS).words == "most different from nominal, but holds"
+    assert WorstRun.of(run_of(), "holds", FACTORS).words == "most different from nominal, but holds"
 
 
 def test_a_worst_run_names_its_own_step_first_as_a_picture_shows_that():
@@ -704,7 +738,7 @@ def test_a_worst_run_names_its_own_step_first_as_a_picture_shows_that():
         Factor("direction", "task", 1.0, -1.0, 1.0, ends=True),
     ]
     values = {"noise": 0.002, "size of the step": 0.9, "start": -0.1, "direction": 1.0}
-    worst = WorstRun.of(VerifiedRun(values, 3, End.TIME_UP, {}), factors)
+    worst = WorstRun.of(VerifiedRun(values, 3, End.TIME_UP, {}), "holds", factors)
     assert worst.text == "size of the step 0.9, start −0.1 of the step, noise 0.002, direction 1"
 
 

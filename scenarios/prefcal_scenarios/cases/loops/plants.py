@@ -1,6 +1,7 @@
 """Plants of the loops, compiled: right-hand sides, control laws, and the simulation of a loop."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -57,6 +58,11 @@ class Tank(NamedTuple):
     pump_gain: float = 3e-3  # flow at full power, m³/s
     pump_lag: float = 3.0  # time constant of the pump, s
 
+    @property
+    def units(self) -> Mapping[str, str]:
+        """Units of the parameters by name."""
+        return {"bottom": "m²", "widening": "m²/m", "outlet": "m²", "pump_gain": "m³/s", "pump_lag": "s"}
+
 
 @inner()
 def _tank(p, x, u, d, dx):  # type: ignore[no-untyped-def]
@@ -90,6 +96,12 @@ class QuadrupleTank(NamedTuple):
     share_1: float = 0.70  # share of pump 1's flow that goes to tank 1; the rest goes to tank 4
     share_2: float = 0.60  # share of pump 2's flow that goes to tank 2; the rest goes to tank 3
 
+    @property
+    def units(self) -> Mapping[str, str]:
+        """Units of the parameters by name."""
+        sizes = {f"{what}_{k}": "m²" for what in ("area", "outlet") for k in (1, 2, 3, 4)}
+        return {**sizes, "pump_gain": "m³/(s V)"}
+
 
 @inner()
 def _quadruple(p, x, u, d, dx):  # type: ignore[no-untyped-def]
@@ -117,6 +129,13 @@ class Servo(NamedTuple):
     half_gap: float = 0.01  # half of the backlash, rad
     stiffness: float = 20.0  # stiffness of the shaft, N m/rad
     damping: float = 0.05  # damping of the shaft, N m s/rad
+
+    @property
+    def units(self) -> Mapping[str, str]:
+        """Units of the parameters by name."""
+        masses, friction = dict.fromkeys(("motor", "load"), "kg m²"), "N m s/rad"
+        shaft = {"half_gap": "rad", "stiffness": "N m/rad", "damping": friction}
+        return {**masses, **shaft, "viscous": friction, "coulomb": "N m"}
 
 
 @inner()
@@ -146,6 +165,11 @@ class CartPole(NamedTuple):
     length: float = 0.6  # length of the pole, m
     friction: float = 0.3  # viscous friction of the cart, N s/m
 
+    @property
+    def units(self) -> Mapping[str, str]:
+        """Units of the parameters by name."""
+        return {"cart": "kg", "pole": "kg", "length": "m", "friction": "N s/m"}
+
 
 @inner()
 def _cart_pole(p, x, u, d, dx):  # type: ignore[no-untyped-def]
@@ -171,6 +195,11 @@ class BoostConverter(NamedTuple):
     supply: float = 12.0  # supply voltage, V
     resistance: float = 0.15  # resistance of the coil, Ω
 
+    @property
+    def units(self) -> Mapping[str, str]:
+        """Units of the parameters by name."""
+        return {"inductance": "mH", "capacitance": "mF", "load": "Ω", "supply": "V", "resistance": "Ω"}
+
 
 @inner()
 def _boost(p, x, u, d, dx):  # type: ignore[no-untyped-def]
@@ -189,6 +218,11 @@ class Steering(NamedTuple):
     speed: float = 15.0  # speed, m/s
     wheelbase: float = 2.8  # distance of the axles, m
     lag: float = 0.15  # time constant of the steering, s
+
+    @property
+    def units(self) -> Mapping[str, str]:
+        """Units of the parameters by name."""
+        return {"speed": "m/s", "wheelbase": "m", "lag": "s"}
 
 
 @inner()

@@ -1,0 +1,349 @@
+"""What people and programs are told of a verification, and what is kept of it beside its best.json."""
+
+import json
+import shlex
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from prefcal_env.controllers.margins import UNSTABLE
+from prefcal_env.disk import digest_of, write_durably
+from prefcal_env.envs.varied_loop import STEPPED
+from prefcal_env.errors import ScenarioError
+from prefcal_env.plain import from_plain, to_plain
+from prefcal_env.sources.varied import Factor, LeftOut
+from prefcal_scenarios.scenario import KPI, Scenario
+from prefcal_scenarios.wording import (
+    comparable,
+    labeled,
+    limits_text,
+    number,
+    quantity,
+    read_text,
+    typed_theta,
+    value_text,
+    with_unit,
+)
+
+from .result import (
+    CONFIDENCE,
+    Effect,
+    Robustness,
+    Verification,
+    VerifiedRun,
+    breakable,
+    margins_said,
+    most_probable,
+)
+
+# --- What a verification leaves beside its best.json, as plain data for people and programs.
+
+_SHOWN, _MOST = 4, 6
+"""Number of factors that people are shown, those that hurt most; and the most of those that lose a limit."""
+FILE, BEST = "verification.json", "best.json"
+"""Names of the files of a verification and of its tuning, in one folder."""
+VARIED, USUAL = ("what varied", "between", "range is"), "usual"
+"""Headings of the rows of what varied: name, range with its unit, and whether it is the usual one."""
+NOT_VARIED = ("what was not varied", "why")
+"""Headings of the rows of what did not vary."""
+REFUSED = "not acceptable"
+"""Verdict of a person on a worst run that speaks against the tuning."""
+_NAMED = 8  # number of values of a run that are named
+
+
+@dataclass(frozen=True, slots=True)
+class WorstRun:
+    """One of the worst random runs."""
+
+    words: str  # which stated limits it loses, or that it holds
+    # values that differ from the nominal ones, by name: those of the step first, which a
+    # picture shows, then the one that moved most within its range
+    values: dict[str, float]
+    seed: int  # seed of the run
+    verdict: str = ""  # "acceptable" or "not acceptable"; "" if nobody was asked
+    units: dict[str, str] = field(default_factory=dict)  # units of the values by name, those that have one
+
+    @classmethod
+    def of(cls, run: VerifiedRun, words: str, factors: Sequence[Factor]) -> "WorstRun":
+        """Return one of the worst runs, with what it misses in words, and the factors that varied."""
+
+        def moved(f: Factor) -> tuple[bool, float]:
+            share = abs(run.values[f.name] - f.nominal) / max(f.high - f.nominal, f.nominal - f.low)
+            return f.name in STEPPED and share > 0, share
+
+        values = {f.name: run.values[f.name] for f in sorted(factors, key=moved, reverse=True)}
+        words = words if run.problems else f"most different from nominal, but {words}"
+        if run.problems and run.limiting:
+            words += f", {run.limiting} at its limit"
+        return cls(words, values, run.seed, units={f.name: f.unit for f in factors if f.unit})
+
+    @property
+    def text(self) -> str:
+        """Return the values that moved most, with four significant digits and units."""
+        shown = list(self.values.items())[:_NAMED]
+        words = [f"{n} {quantity(float(f'{v:.4g}'), self.units.get(n, ''))}" for n, v in shown]
+        others = len(self.values) - len(shown)
+        return ", ".join(words) + (f" and {others} other{'s' if others > 1 else ''}" if others else "")
+
+
+@dataclass(frozen=True, slots=True)
+class Verified:
+    """What a verification says. Texts are as people read them; "–" is unknown."""
+
+    headline: str  # whether it holds, how many runs do, usual limits if none is stated, margins
+    statement: str  # how sure it is that the limits are kept, in a sentence
+    limits_kept: str  # what a run is judged by, in a sentence
+    margins_kept: str  # whether the nominal loop keeps limits on margins, in a sentence; "" if unknown
+    advice: tuple[str, ...]  # what to do next if some run fails, a text each
+    share: float | None  # share of the runs that kept them; None without any
+    bound: float  # what the probability of not keeping them is below, with 95 % confidence
+    runs: int  # number of random runs
+    planned: int  # number that was asked for
+    baseline: str  # what the tuning is compared with, such as "current tuning"; "" if that is unknown
+    # A row for each KPI: title with unit, objective, nominal value, 5 % and 95 %
+    # quantile, then the same three of the baseline, if it is known
+    kpis: tuple[tuple[str, ...], ...]
+    # A row for each margin: name with unit, value, then that of the baseline, likewise.
+    # empty if there are none
+    margins: tuple[tuple[str, ...], ...]
+    basis: str  # what the margins hold for, or why there are none, in a sentence
+    effects: tuple[str, ...]  # what each factor does alone, the one that hurts most first, a text each
+    worst: tuple[WorstRun, ...]  # the worst random runs, the worst first
+    varied: tuple[tuple[str, str, str], ...]  # a row for each thing that varied, as in `VARIED`
+    left_out: tuple[LeftOut, ...]  # a row for each thing that did not, as in `NOT_VARIED`
+    scenario: str  # name of the scenario
+    version: str  # version of prefcal
+    best: str  # SHA-256 of the best.json, in hexadecimal digits
+    lines: tuple[str, ...] = ()  # the command that judges by the usual limits, if none is stated
+    limits: tuple[str, ...] = ()  # limits that were stated for it, beside those of the study, as typed
+    at: str = field(default="", compare=False)  # date, in ISO 8601; "" if nobody said
+    misses: tuple[str, ...] = ()  # each limit that is missed, with the worst value and the number of runs
+    breaking: tuple[str, ...] = ()  # names of the factors that lose a limit alone, as in `effects`
+    seed: int = 0  # seed of the variations
+
+    @classmethod
+    def of(
+        cls,
+        found: Verification,
+        scenario: Scenario,
+        baseline: str,
+        version: str,
+        best: str,
+        *,
+        robust: bool = False,
+    ) -> "Verified":
+        """Return what a verification of a scenario's tuning says, and of a `robust` study; see the class."""
+        both = [found.tuning, *([found.before] if found.before else [])]
+        apart = (("plants that no input can hold", found.apart),) if found.unheld else ()
+        margins, basis = margins_said([each.margins for each in both], found.tuning.time_unit)
+        return cls(
+            headline=found.headline,
+            statement=found.statement + _compared(found, baseline),
+            limits_kept=found.limits,
+            margins_kept=found.margin_verdict,
+            advice=_next(found, scenario, baseline, robust),
+            share=found.share if found.runs else None,
+            bound=found.bound,
+            runs=len(found.runs),
+            planned=found.planned,
+            baseline=baseline if found.before else "",
+            kpis=tuple(_kpi_row(kpi, both) for kpi in found.kpis),
+            margins=margins,
+            basis=basis,
+            effects=tuple(_effect(each, found) for each in found.effects),
+            worst=tuple(WorstRun.of(run, found.words(run), found.factors) for run in found.worst()),
+            varied=tuple((f.name, _range(f), _kind(f, found.idle)) for f in found.factors),
+            left_out=(*found.left_out, *apart),
+            scenario=found.scenario,
+            version=version,
+            best=best,
+            misses=found.misses[:_MOST],
+            breaking=tuple(each.factor.name for each in found.effects if np.isinf(each.worsening)),
+            seed=found.seed,
+        )
+
+    @property
+    def hurting(self) -> tuple[str, ...]:
+        """Return what the factors do that hurt most, and which others lose a limit alone, a text each."""
+        shown = max(_SHOWN, min(len(self.breaking), _MOST))
+        more = self.breaking[shown:]
+        others = f"{len(more)} more lose a limit alone: {', '.join(more)}"
+        return (*self.effects[:shown], *([others] if more else []))
+
+    @property
+    def verdict(self) -> str:
+        """Return the headline, with a person's verdicts against worst runs, and the date."""
+        refused = sum(each.verdict == REFUSED for each in self.worst)
+        judged = (
+            f" A person found {refused} of the {len(self.worst)} worst runs {REFUSED}." if refused else ""
+        )
+        when = f" {'Verified' if self.runs else 'Looked at'} {self.at}." if self.at else ""
+        return f"{self.headline}{judged}{when}"
+
+    @property
+    def kpi_columns(self) -> tuple[str, ...]:
+        """Return the headings of the rows of `kpis`."""
+        before = (f"{self.baseline}, nominal", "5 %", "95 %") if self.baseline else ()
+        return "KPI", "objective", "nominal", "5 %", "95 %", *before
+
+    @property
+    def margin_columns(self) -> tuple[str, ...]:
+        """Return the headings of the rows of `margins`."""
+        return "margin", "result", *((self.baseline,) if self.baseline else ())
+
+    @classmethod
+    def read(cls, folder: str | Path) -> "Verified | None":
+        """Return what was verified of the best.json in a folder; None if nothing, or of another one.
+
+        Raises:
+            ScenarioError: If the file is there, but cannot be read.
+        """
+        path, tuning = Path(folder) / FILE, Path(folder) / BEST
+        if not (path.is_file() and tuning.is_file()):
+            return None
+        try:
+            content = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError, RecursionError) as error:
+            raise ScenarioError(f"cannot read {str(path)!r}: {error}") from error
+        found = from_plain(content, cls, ScenarioError, repr(str(path)))
+        return found if found.best == digest_of(tuning) else None
+
+    def write(self, folder: str | Path, file: str = FILE) -> None:
+        """Write the file, durably. Raises ScenarioError, which says the result, if that is not possible."""
+        text = json.dumps(to_plain(self), indent=2, ensure_ascii=False, allow_nan=False)
+        path = Path(folder) / file
+        try:
+            write_durably(path, f"{text}\n".encode())
+        except OSError as error:
+            raise ScenarioError(f"cannot write {str(path)!r}: {error}. Not kept: {self.statement}") from error
+
+
+def _compared(found: Verification, baseline: str) -> str:
+    """Return on how many plants the baseline holds; if those are fewer, also how the result does there."""
+    new, old = found.runs, found.before.runs if found.before else ()
+    if not old:
+        left = baseline and new and found.before is None
+        return f" Stopped before the {baseline} ran on these plants." if left else ""
+    held, now = (sum(not run.problems for run in runs[: len(old)]) for runs in (old, new))
+    fewer = f"; after: {now} of these {len(old)}" if len(old) < len(new) else ""
+    return f" Before ({baseline}): {held} of {len(old)} of the same plants{fewer}."
+
+
+_ENOUGH = 10  # tunings that hold nominally, of which none that holds on other plants says something of all
+
+
+def _next(found: Verification, scenario: Scenario, baseline: str, robust: bool) -> tuple[str, ...]:
+    """Return what to do next if some run fails, or the loop is not stable, a text each."""
+    count, widen = len(found.runs), tuple(_widened(found))
+    other = replace(found, tuning=found.before) if found.before and found.before.holds(count) else None
+    sound = baseline and other and not other.misses_margin and other.tuning.margins != UNSTABLE
+    before = f"take the tuning before ({baseline}): it holds in all {count} of the same runs" if sound else ""
+    if found.tuning.margins == UNSTABLE:
+        limited = any(kpi.name == "M_s" and kpi.met(0.0) is not None for kpi in found.kpis)
+        first = "begin elsewhere (--start)" if limited else "state a limit on M_s, such as at most 2,"
+        return (*filter(None, [before]), f"look for a stable loop: {first} and repeat the study")
+    if not found.failed:
+        return widen
+    alone = f"if nothing but {found.stated} counts, verify that alone, with --range task=0"
+    every = (
+        before,
+        *widen,
+        found.limiting,
+        alone if found.holds_as_stated else "",
+        _another(found, scenario, robust) if scenario.simulated else "",
+    )
+    return (*filter(None, every), *found.advice)
+
+
+def _widened(found: Verification) -> Iterator[str]:
+    """Yield what helps where no input can hold a plant."""
+    names = dict.fromkeys(run.unheld.input for run in found.unheld if run.unheld)
+    for name in names:
+        yield f"only a larger range of {name}, or less that varies (--range), helps the plants not counted"
+
+
+def _another(found: Verification, scenario: Scenario, robust: bool) -> str:
+    """Return which other tuning to look for, or what else to change; "" if neither helps."""
+    tried = found.others
+    ways = [] if found.limiting else ["change the controller"]  # what helps there is said of the input
+    change = " or ".join([*ways, "relax the limit"] if breakable(found.kpis) else ways)
+    due = f"{change}: " if change else ""
+    drawn = "" if tried is None else f"{tried.nominal or 'none'} of {tried.count} tunings drawn at random"
+    known = tried is not None and tried.nominal >= _ENOUGH  # of fewer, chance would say it
+    lost = [each.factor for each in found.effects if np.isinf(each.worsening)]
+    stuck = [e for e in found.breaking if known and tried and not tried.alone.get(e.factor.name)]
+    if tried and tried.known and found.tuning.nominal.problems:
+        start = typed_theta(scenario.space, scenario.references[tried.known[0]].tolist())
+        first = (
+            f"begin with {tried.known[0]}, which holds nominally, as this tuning does not: repeat the "
+            f"command of the study with {shlex.join(['--start', start])}"
+        )
+    elif tried and not tried.nominal and found.tuning.nominal.problems:
+        few = np.ceil(100 * most_probable(0, tried.count))
+        first = (
+            f"{due}this tuning does not hold even nominally, and {drawn} does (fewer than {few:.0f} % "
+            f"of the ranges do, with {100 * CONFIDENCE:g} % confidence)"
+        )
+    elif stuck:
+        names = " and ".join(f"{e.factor.name} ({_range(e.factor)})" for e in stuck)
+        alone = "each alone make" if len(stuck) > 1 else "alone makes"
+        first = f"{due}{names} {alone} this tuning fail, and each of the {drawn} that hold nominally"
+    elif found.holds_as_stated and not robust:  # on other plants, too: robust studies vary nothing else
+        first = ""
+    elif robust:
+        tighter = "start one with tighter limits, or " if breakable(found.kpis) else ""
+        only = f"the study was robust, which varies the plant and the noise only: {tighter}{change}"
+        first = only if change else ""
+    elif lost and not any(factor.robust for factor in lost):
+        names = " and ".join(factor.name for factor in lost[:_SHOWN])
+        first = f"{due}{names} alone can break it, which no robust study varies"
+    else:
+        first = _elsewhere(found, scenario, f" ({drawn} hold nominally)" if drawn else "")
+    return first
+
+
+def _elsewhere(found: Verification, scenario: Scenario, hold: str) -> str:
+    """Return how to look for a tuning that holds on other plants."""
+    start = shlex.join(["--robust", "--start", typed_theta(scenario.space, found.tuning.theta.tolist())])
+    return (
+        f"look for one that holds on other plants{hold}: repeat the command of the study with {start}; "
+        "with --taste and the name of a saved study, your answers count there"
+    )
+
+
+def _kpi_row(kpi: KPI, tunings: list[Robustness]) -> tuple[str, ...]:
+    cells = [labeled(kpi.title, kpi.unit), limits_text(kpi)]
+    for each in tunings:
+        values = (each.nominal.kpis.get(kpi.name), *each.quantiles(kpi.name))
+        cells += [value_text(kpi, value, each.time_unit) for value in values]
+    return tuple(cells)
+
+
+def _range(factor: Factor) -> str:
+    between = "or" if factor.ends else "to"
+    return f"{number(factor.low)} {between} {quantity(factor.high, factor.unit)}"
+
+
+def _kind(factor: Factor, idle: Collection[str]) -> str:
+    """Return where the range of a factor comes from, and whether the factor alone matters at all."""
+    said = "stated" if factor.stated else factor.told or USUAL
+    return f"{said}, no effect alone" if factor.name in idle else said
+
+
+def _effect(each: Effect, found: Verification) -> str:
+    """Return what a factor does alone: the limits that are lost, or the KPI that gets worst, in its unit."""
+    f = each.factor
+    ends = [quantity(run.values[f.name], f.unit) for run in each.unheld]
+    name = f"{f.name} ({_range(f)}{f', but no input can hold the plant at {ends[0]}' if ends else ''})"
+    if len(ends) > 1:
+        return f"{f.name} ({_range(f)}): at either end, no input can hold the plant"
+    if np.isinf(each.worsening):
+        return f"{name}: {found.words(each.run)}"
+    kpi = next((kpi for kpi in found.kpis if kpi.title == each.kpi), None)
+    if kpi is None:
+        return f"{name}: no KPI gets worse"
+    pair = (found.tuning.nominal.kpis[kpi.name], each.run.kpis[kpi.name])
+    before, after = (read_text(kpi, value, found.tuning.time_unit) for value in comparable(kpi, pair))
+    return f"{name}: {kpi.title} {before} → {with_unit(after, kpi.unit)}"
