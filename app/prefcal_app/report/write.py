@@ -375,12 +375,7 @@ def verify_best(
         PrefcalError: If the file or a range does not fit, the folder cannot be written, or nothing of the
             scenario can vary.
     """
-    if best.name != BEST:
-        raise ScenarioError(
-            f"what is verified must be called {BEST}, as verification.json counts for that: got {str(best)!r}"
-        )
-    tuning = tuning_of(best)
-    folder_for(best.parent)
+    tuning = _verifiable(best)
     if tuning.own and timeout is None:
         timeout = DEFAULT_LIMIT
     limits = _kept_limits(best.parent) if limits is None else tuple(limits)
@@ -401,9 +396,20 @@ def verify_best(
             progress=progress,
         )
     said = replace(_said(found, tuning, best, f"{clock(UTC):%Y-%m-%d %H:%M} UTC"), limits=limits)
-    said = _offering(said, found, _command(best, runs, limits, ranges or {}))
+    said = _offering(said, found, _command(best, runs, seed, limits, ranges or {}))
     _keep(said, found, tuning, best, timeout)
     return said
+
+
+def _verifiable(best: Path) -> BestTuning:
+    """Return the tuning of a best.json whose folder can be written."""
+    if best.name != BEST:
+        raise ScenarioError(
+            f"what is verified must be called {BEST}, as verification.json counts for that: got {str(best)!r}"
+        )
+    tuning = tuning_of(best)
+    folder_for(best.parent)
+    return tuning
 
 
 def _limited(tuning: BestTuning, limits: Sequence[str], timeout: float | None) -> BestTuning:
@@ -415,9 +421,10 @@ def _limited(tuning: BestTuning, limits: Sequence[str], timeout: float | None) -
     return replace(tuning, scenario=limited(scenario, limits))
 
 
-def _command(best: Path, runs: int, limits: Sequence[str], ranges: Ranges) -> list[str]:
+def _command(best: Path, runs: int, seed: int, limits: Sequence[str], ranges: Ranges) -> list[str]:
     """Return the words that verify a best.json again in the same way."""
-    words = [*(("--runs", str(runs)) if runs != RUNS else ()), *_options("--limit", limits)]
+    words = [*(("--runs", str(runs)) if runs != RUNS else ()), *(("--seed", str(seed)) if seed else ())]
+    words += _options("--limit", limits)
     words += _options("--range", (f"{name}={_typed(change)}" for name, change in ranges.items()))
     return ["prefcal", "verify", str(best), *words]
 

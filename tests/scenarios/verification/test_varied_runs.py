@@ -148,7 +148,7 @@ def test_without_a_stated_limit_it_is_said_what_counts_and_usual_limits_are_offe
     assert 0 < light < 40
     assert found.limits == (
         "No limit that a run can break is stated. What counts: a safe end, and nothing infinite that is "
-        "finite nominally. The nominal run holds. State the usual limits as objectives of the KPIs."
+        "finite nominally. The nominal run holds."
     )
     assert found.headline == (
         "Not judged, since no limit on runs is stated: 40 of 40 runs end safely and settle. Usual limits: "
