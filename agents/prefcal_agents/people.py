@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -397,11 +397,19 @@ class Utilities:
         # Beyond 4, a difference is noticed for sure, to the last bit: most answers of a long study.
         close = ~(gain > 4.0)
         close[:, tie] = True
-        if 4 * np.count_nonzero(close) > close.size:  # to pick them takes a third of the time
-            return _log_answers(gain, (slice(None), tie), error)
-        rows, answers = np.nonzero(close)
+        few = 4 * np.count_nonzero(close) <= close.size  # to pick more takes longer than to compute all
+        at = np.nonzero(close) if few else ()
+        picked = (gain[at], tie[at[1]], self.errors[at[0]]) if few else (gain, (slice(None), tie), error)
+        explained, even = notice_chance(picked[0]), picked[0][picked[1]]
+        explained[picked[1]] = 1.0 - notice_chance(even) - notice_chance(-even)
+        # A mistake is any of the three answers, so that no single one can rule out a draw.
+        explained *= 1.0 - picked[2]
+        explained += picked[2] / 3.0
+        np.log(explained, out=explained)
+        if not few:
+            return explained
         found = np.broadcast_to(np.log(1.0 - error + error / 3.0), gain.shape).copy()
-        found[rows, answers] = _log_answers(gain[rows, answers], tie[answers], self.errors[rows])
+        found[at] = explained
         return found
 
     @property
@@ -466,18 +474,6 @@ def _subtract(
     # Only whether a difference is noticed: a large one must not outweigh an earlier KPI.
     found[counted] = np.clip(np.trunc(found[counted]), -1, 1)
     return np.asarray(found)
-
-
-def _log_answers(
-    gain: Float[np.ndarray, "*shape"], tie: Any, error: Float[np.ndarray, "..."]
-) -> Float[np.ndarray, "*shape"]:
-    """Return the logarithm of the probability of answers, of which `tie` are ties, by rates of mistakes."""
-    explained, even = notice_chance(gain), gain[tie]
-    explained[tie] = 1.0 - notice_chance(even) - notice_chance(-even)
-    # A mistake is any of the three answers, so that no single one can rule out a draw.
-    explained *= 1.0 - error
-    explained += error / 3.0
-    return np.asarray(np.log(explained, out=explained))
 
 
 def notice_chance(gain: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
@@ -670,9 +666,8 @@ class _Told(NamedTuple):
         every = len(rows) == len(tried)
         after, some = (apart, tried) if every else (apart.take(rows, axis=1), tried.take(rows))
         found = some.log_answers(after, given.tie) @ given.strength
-        if (
-            others
-        ):  # None is more probable than one that is explained for sure. The last term covers rounding.
+        # None of the others is more probable than if explained for sure. The last term covers rounding.
+        if others:
             found += others * np.log1p(-some.errors * 2.0 / 3.0) + 1e-6
         return found, before
 

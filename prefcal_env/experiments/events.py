@@ -21,6 +21,7 @@ _STILL = 1e-9  # share of its largest value below which a reference does not cha
 _LEAST = 0.02  # share of the largest error or change below which nothing is an event
 _TOGETHER = 0.02  # share of the record: changes in one direction that are closer are one ramp
 _SURE = 5.0  # standard deviations of noise
+_ROUNDING = 1 + 1e-9  # 29.7 is within 0.3 of 30
 _LOUD = 0.2  # share of the largest error above which a start is an event, however noisy it seems
 
 
@@ -282,7 +283,7 @@ def _area(left: Curve, right: Curve) -> Curve:
 
 def entry_time(t: Curve, error: Curve, band: float) -> float:
     """Return the instant of the last entry of an error into the band; infinite for never."""
-    outside = np.flatnonzero(_outside(error, band))
+    outside = np.flatnonzero(np.abs(error) > band * _ROUNDING)
     last = int(outside[-1]) if len(outside) else -1
     return float(t[last + 1]) if last + 1 < len(t) else np.inf
 
@@ -293,12 +294,8 @@ def staying_time(t: Curve, error: Curve, band: float) -> float:
     An oscillation is in the band at the end by chance. So the last visit must be as long as the longest
     one that ended, or a tenth of the time; the first one, before anything moved, is none of these.
     """
-    found, outside = entry_time(t, error, band), _outside(error, band)
+    found, outside = entry_time(t, error, band), np.abs(error) > band * _ROUNDING
     turns = np.flatnonzero(np.diff(outside.astype(int))) + 1  # rows from which the error is in or out
-    visits = [(t[a], t[b]) for a, b in pairwise(turns.tolist()) if not outside[a]]
+    visits = [(t[a], t[b - 1]) for a, b in pairwise(turns.tolist()) if not outside[a]]
     longest = max((float(b - a) for a, b in visits), default=0.0)
     return found if t[-1] - found >= min(longest, float(t[-1] - t[0]) / 10) else np.inf
-
-
-def _outside(error: Curve, band: float) -> Bool[np.ndarray, " K"]:
-    return np.asarray(np.abs(error) > band * (1 + 1e-9))  # 29.7 is within 0.3 of 30

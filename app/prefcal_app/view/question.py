@@ -310,7 +310,7 @@ def _axis(panel: Plot, reached: Range) -> Range:
     if channel.target is not None:
         band = channel.band or 0.0
         low, high = min(low, channel.target - band), max(high, channel.target + band)
-    low, high = _framed(channel, low, high, whole=panel.held)
+    low, high = _framed(channel, low, high, whole=panel.kind == "u")
     if not low < high:
         middle = low if low == high else 0.0
         return middle - 1.0, middle + 1.0
