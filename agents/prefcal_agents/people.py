@@ -311,7 +311,7 @@ class Utilities:
         order = (self.ordered[rows] > 0) & ~beyond
         scales, steps = self.scales[rows, kpi, None], self.steps[rows, kpi, None]
         exponents, limits = self.exponents[rows, kpi, None], self.limits[rows, kpi, None]
-        # s^p / (s^p + d^p) in logarithms, the share of the weight that is lost at the distance d.
+        # d^p / (s^p + d^p) in logarithms, the share of the weight that is lost at the distance d.
         found = x - scales
         found *= exponents
         expit(found, out=found)

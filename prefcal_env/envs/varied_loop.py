@@ -435,6 +435,7 @@ class VariedLoop:
             (DELAY, "none is stated; more would act like the lag: see the delay margin"): late or waits,
             ("dead time in the states (poles at 0)", "state it as a delay"): not waits,
             (MOVE, "none is stated"): self.task.max_move is not None,
+            (LAG, "the record has that of the actuator in it"): sample_of(self.plant) is None,
             ("size and direction of the load", "the task has no steps of one"): self._loaded,
             (JITTER, "a period has one length here"): self.jitters,
         }
@@ -460,8 +461,9 @@ class VariedLoop:
         if self.wears:
             yield Factor(GRAIN, "sensor", 0.0, 0.0, _GRAIN, "of the step", possible=NOT_NEGATIVE)
         yield Factor(BIAS, "sensor", 0.0, -_BIAS, _BIAS, "of the step")
-        lag = _LAG * self._dominant
-        yield Factor(LAG, "actuator", 0.0, 0.0, lag, self.plant.time_unit, possible=NOT_NEGATIVE)
+        if sample_of(self.plant) is None:  # a record has the actuator in it
+            lag = _LAG * self._dominant
+            yield Factor(LAG, "actuator", 0.0, 0.0, lag, self.plant.time_unit, possible=NOT_NEGATIVE)
         if self.wears:
             yield Factor(PLAY, "actuator", 0.0, 0.0, _PLAY, "of the range", possible=NOT_NEGATIVE)
         if self.jitters:

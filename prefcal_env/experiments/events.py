@@ -22,6 +22,7 @@ _LEAST = 0.02  # share of the largest error or change below which nothing is an 
 _TOGETHER = 0.02  # share of the record: changes in one direction that are closer are one ramp
 _SURE = 5.0  # standard deviations of noise
 _ROUNDING = 1 + 1e-9  # 29.7 is within 0.3 of 30
+_FEW = 20  # rows, below which nothing tells an oscillation from noise
 _LOUD = 0.2  # share of the largest error above which a start is an event, however noisy it seems
 
 
@@ -295,6 +296,8 @@ def staying_time(t: Curve, error: Curve, band: float) -> float:
     one that ended, or a tenth of the time; the first one, before anything moved, is none of these.
     """
     found, outside = entry_time(t, error, band), np.abs(error) > band * _ROUNDING
+    if len(t) < _FEW:
+        return found
     turns = np.flatnonzero(np.diff(outside.astype(int))) + 1  # rows from which the error is in or out
     visits = [(t[a], t[b - 1]) for a, b in pairwise(turns.tolist()) if not outside[a]]
     longest = max((float(b - a) for a, b in visits), default=0.0)

@@ -82,6 +82,18 @@ class LinearSystem:
         poles = (np.linalg.eigvals(self.A) if len(self.A) else np.zeros(0)).astype(complex)
         return rates_of(poles, self.dt)
 
+    def behind(self, lag: float) -> "LinearSystem":
+        """Return the system whose inputs follow what is asked for with a lag, unless it is 0.
+
+        A discrete system is returned as it is: between its samples it sees nothing.
+        """
+        if not lag or self.dt:
+            return self
+        n, n_u, n_y = self.sizes
+        A = np.block([[self.A, self.B], [np.zeros((n_u, n)), -np.eye(n_u) / lag]])
+        B = np.vstack([np.zeros((n, n_u)), np.eye(n_u) / lag])
+        return LinearSystem(A, B, np.hstack([self.C, self.D]), np.zeros((n_y, n_u)))
+
     def at(self, s: Any) -> Complex[np.ndarray, "*m n_y n_u"]:
         """Return the transfer function at numbers s, for a discrete system at z = exp(s dt)."""
         point = np.asarray(np.exp(s * self.dt) if self.dt else s)

@@ -771,8 +771,11 @@ class StudyFile:
             (last,) = self._copy.execute("SELECT max(seq) FROM event").fetchone()
             new = self._connection.execute("SELECT * FROM event WHERE seq > ?", (last,))
             self._copy.executemany("INSERT INTO event VALUES (?, ?, ?, ?, ?)", new)
-        except sqlite3.Error:  # it grows to 1 GB only
-            self._copy.deserialize(self._connection.serialize())
+        except sqlite3.OperationalError:  # it grows to 1 GB only
+            with suppress(sqlite3.Error):
+                self._copy.deserialize(self._connection.serialize())
+        except sqlite3.DatabaseError:  # of a damaged file, the copy is what is left
+            pass
 
     def _record(self, rows: Rows) -> None:
         before = self._last, self._checksum

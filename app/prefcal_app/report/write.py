@@ -32,8 +32,9 @@ from prefcal_env.sources.varied import Ranges
 from prefcal_scenarios.described.making import limited
 from prefcal_scenarios.described.steps import marks_of
 from prefcal_scenarios.isolated import DEFAULT_LIMIT
+from prefcal_scenarios.names import is_described
 from prefcal_scenarios.runs import Progress
-from prefcal_scenarios.scenario import Picture, Scenario, finds_kpis, with_found_kpis
+from prefcal_scenarios.scenario import KPI, Picture, Scenario, finds_kpis, with_found_kpis
 from prefcal_scenarios.style import WIDTH, png, style
 from prefcal_scenarios.verification import Verification, verify
 from prefcal_scenarios.verification.result import VerifiedRun, margins_said
@@ -44,6 +45,7 @@ from prefcal_scenarios.wording import (
     counted,
     exact_number,
     folder_for,
+    limits_text,
     number,
     put,
     symbols_in,
@@ -379,7 +381,7 @@ def verify_best(
     if tuning.own and timeout is None:
         timeout = DEFAULT_LIMIT
     limits = _kept_limits(best.parent) if limits is None else tuple(limits)
-    tuning = _limited(tuning, limits, timeout)
+    tuning, own = _limited(tuning, limits, timeout), tuning.scenario.kpis
     if tuning.scenario.source.asks:
         found = unvaried(tuning.scenario, tuning.theta, tuning)
     else:
@@ -396,7 +398,9 @@ def verify_best(
             progress=progress,
         )
     said = replace(_said(found, tuning, best, f"{clock(UTC):%Y-%m-%d %H:%M} UTC"), limits=limits)
-    said = _offering(said, found, _command(best, runs, seed, limits, ranges or {}))
+    said = _offering(said, found, own, _command(best, runs, seed, limits, ranges or {}))
+    if limits:
+        said = replace(said, advice=tuple(_with_limits(said.advice, limits, tuning.source)))
     _keep(said, found, tuning, best, timeout)
     return said
 
@@ -434,12 +438,13 @@ def _options(flag: str, values: Iterable[str]) -> list[str]:
 
 
 def _typed(change: float | Sequence[float]) -> str:
-    return f"{change:g}" if isinstance(change, float | int) else ":".join(f"{end:g}" for end in change)
+    ends = [change] if isinstance(change, float | int) else change
+    return ":".join(repr(float(end)).removesuffix(".0") for end in ends)
 
 
 def _said(found: Verification, tuning: BestTuning, best: Path, at: str) -> Verified:
     """Return what a verification says of a best.json, with earlier verdicts on the same worst runs."""
-    if found.planned and not found.runs:
+    if found.planned and not found.runs and not found.unheld:
         raise ScenarioError("stopped before a random run was completed, so nothing is written")
     if not best.is_file() or digest_of(best) != tuning.digest:
         raise StaleError(f"{str(best)!r} changed while its tuning was verified: verify again")
@@ -449,10 +454,16 @@ def _said(found: Verification, tuning: BestTuning, best: Path, at: str) -> Verif
     return replace(said, headline=f"{changed}{said.headline}", worst=_judged(said.worst, best.parent), at=at)
 
 
-def _offering(said: Verified, found: Verification, command: Sequence[str]) -> Verified:
-    """Return what a verification says, with its own limits and the command that judges by usual ones."""
+def _offering(said: Verified, found: Verification, own: Sequence[KPI], command: Sequence[str]) -> Verified:
+    """Return what a verification says, with its own limits and the command that judges by usual ones.
+
+    Where it is judged by looser limits than `own`, those of the study, that comes first.
+    """
     told = f"{said.limits_kept} Stated for this verification, not in the study: {'; '.join(said.limits)}."
-    said = replace(said, limits_kept=told) if said.limits else said
+    if said.limits:
+        looser = "; ".join(_loosened(own, found.kpis))
+        first = f"By looser limits than the study's ({looser}): " if looser else ""
+        said = replace(said, limits_kept=told, headline=f"{first}{said.headline}")
     usual = [f"{k.name} <= {float(f'{limit:.4g}'):g} {k.unit}".strip() for k, limit, _ in found.usual]
     if not usual:
         return said
@@ -460,11 +471,32 @@ def _offering(said: Verified, found: Verification, command: Sequence[str]) -> Ve
     return replace(said, lines=lines, limits_kept=f"{said.limits_kept} To judge it by the usual limits, run:")
 
 
+def _with_limits(advice: Sequence[str], limits: Sequence[str], source: str) -> Iterator[str]:
+    """Yield what to do next: a study that is repeated needs the limits, too, which not every one can take."""
+    command = "the command of the study with"
+    for text in advice:
+        if command not in text:
+            yield text
+        elif is_described(source):
+            yield text.replace(command, f"{command} {shlex.join(_options('--limit', limits))}")
+        else:
+            yield f"{text}; first state {'; '.join(limits)} in the KPIs of your file"
+
+
+def _loosened(own: Sequence[KPI], now: Sequence[KPI]) -> Iterator[str]:
+    """Yield the limits of KPIs that are looser than their own ones, in words."""
+    known = {kpi.name: kpi for kpi in own}
+    for kpi in now:
+        before = known.get(kpi.name, kpi)
+        if kpi.at_most > before.at_most or kpi.at_least < before.at_least:
+            yield f"{kpi.title} {limits_text(kpi)} in place of {limits_text(before)}"
+
+
 def written_beside(said: Verified, folder: Path) -> str:
     """Return the file of a verification of fewer runs than the one in a folder, which stays; "" if not so."""
     kept = _there(folder)
-    fewer = kept is not None and kept.runs > said.runs
-    return f"verification-{said.runs}-runs.json" if fewer else ""
+    fewer = kept is not None and kept.made > said.made
+    return f"verification-{said.made}-runs.json" if fewer else ""
 
 
 def _there(folder: Path) -> Verified | None:

@@ -1,5 +1,6 @@
 """Put into words what is found of a question and of a result."""
 
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from math import isinf
@@ -77,8 +78,9 @@ def _noise_in_kpis(scenario: Scenario, run: Experiment) -> dict[str, float]:
     found, inputs = dict[str, float](), {channel.unit for channel in run.channels.u}
     for kpi in scenario.kpis:
         for i, y in enumerate(run.channels.y):
-            named = y.name in kpi.title or (len(noise) == 1 and kpi.unit not in inputs)
-            if kpi.unit == "%" and y.name in kpi.title and kpi.title.startswith("overshoot"):
+            of = re.search(rf"(?<!\w){re.escape(y.name)}(?!\w)", kpi.title) is not None
+            named = of or (len(noise) == 1 and kpi.unit not in inputs)
+            if kpi.unit == "%" and of and kpi.title.startswith("overshoot"):
                 values = run.output(i)
                 away = () if values is None or not len(values) else np.abs(run.reference(i) - values[0])
                 step = float(np.max(away, initial=0.0))

@@ -338,7 +338,7 @@ class Verifying:
         try:
             said = report.write.verify_best(folder / verification.said.BEST, progress=self._progress)
             if report.write.written_beside(said, folder):
-                self._problem = f"Stopped after {said.runs} runs: an earlier verification has more and stays."
+                self._problem = f"Only {said.made} runs: an earlier verification has more and stays."
         except Exception as error:
             _, self._problem, _ = explain(error)
         except SystemExit as error:

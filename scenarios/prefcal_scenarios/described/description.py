@@ -77,7 +77,9 @@ def _wrong(name: str, text: str) -> str:
     return f"knob {name!r}: expected its range LOW:HIGH, for example {KNOB_EXAMPLE}, got {text.strip()!r}"
 
 
-_LIMIT = re.compile(r"\s*(\S.*?)\s*(<=|>=|≤|≥)\s*([^\s\[]+)\s*(?:\[([^\]]*)\]|(.*))", re.DOTALL)
+_LIMIT = re.compile(
+    r"\s*(\S.*?)\s*(<=|>=|≤|≥)\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*(?:\[([^\]]*)\]|(.*))", re.DOTALL
+)
 
 
 def limit_of(text: str) -> tuple[str, dict[str, Any]]:

@@ -388,6 +388,7 @@ class Design:
     T_s: float
     loops: tuple[Single, ...]
     middle: Float[np.ndarray, " n"] = field(default_factory=lambda: np.zeros(0))
+    lag: float = 0.0  # time constant of the actuators, in the plant's unit of time
 
     @property
     def phase(self) -> float:

@@ -255,9 +255,13 @@ def limited(made: Scenario, limits: Sequence[str], where: str = "--limit") -> Sc
         return made
     if finds_kpis(made):
         raise ScenarioError(f"{where}: a limit is for KPIs known before the first run: name them in [kpis]")
-    channels, kpis = made.source.channels, {kpi.name: kpi for kpi in made.kpis}
+    channels, kpis, stated = made.source.channels, {kpi.name: kpi for kpi in made.kpis}, set[Any]()
     for text in limits:
         name, entry = limit_of(text)
+        end = name, *(entry.keys() - {"unit"})
+        if end in stated:
+            raise ScenarioError(f"{where}: {name!r} is limited twice, the second time by {text!r}: leave one")
+        stated.add(end)
         known = kpis | {key: kpi for key, kpi in _margins(made).items() if key not in kpis}
         if name not in known:  # of others, no run has a value
             expected = f"{did_you_mean(name, known)} Expected one of {', '.join(known)}"

@@ -107,8 +107,8 @@ class PIDs:
     def of(cls, found: Design, factors: Factors) -> "PIDs":
         """Return them for what was chosen for a plant."""
         rows, columns = [p.output for p in found.loops], [p.input for p in found.loops]
-        delay = found.delay[np.ix_(rows, columns)]
-        return cls(found, sampled(found.J.part(rows, columns), found.T_s, delay), factors)
+        delay, own = found.delay[np.ix_(rows, columns)], found.J.part(rows, columns)
+        return cls(found, sampled(own.behind(found.lag), found.T_s, delay), factors)
 
     def around(self, plant: Plant, found: Design) -> "PIDs":
         """Return the same PIDs around another plant."""

@@ -79,7 +79,7 @@ class Measure:
         found, y = self.design.around(plant, task.x0, task.u0, d), plant.g(task.x0, task.u0, d)
         steps = ((loop, loop.output, task.reference(k * phase)) for k, loop in enumerate(found.loops))
         moved = (replace(loop, start=float(y[j]), target=float(r[j])) for loop, j, r in steps)
-        found = replace(found, loops=tuple(moved))
+        found = replace(found, loops=tuple(moved), lag=task.lag)
         return Measure.of(found, self.laws.around(plant, found), env)
 
     def __call__(self, experiment: Experiment) -> dict[str, float]:

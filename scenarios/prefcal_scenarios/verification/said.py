@@ -99,7 +99,7 @@ class Verified:
     advice: tuple[str, ...]  # what to do next if some run fails, a text each
     share: float | None  # share of the runs that kept them; None without any
     bound: float  # what the probability of not keeping them is below, with 95 % confidence
-    runs: int  # number of random runs
+    runs: int  # number of random runs that count
     planned: int  # number that was asked for
     baseline: str  # what the tuning is compared with, such as "current tuning"; "" if that is unknown
     # A row for each KPI: title with unit, objective, nominal value, 5 % and 95 %
@@ -122,6 +122,12 @@ class Verified:
     misses: tuple[str, ...] = ()  # each limit that is missed, with the worst value and the number of runs
     breaking: tuple[str, ...] = ()  # names of the factors that lose a limit alone, as in `effects`
     seed: int = 0  # seed of the variations
+    apart: int = 0  # number of random runs that do not count, since no input can hold their plants
+
+    @property
+    def made(self) -> int:
+        """Return the number of random runs, with those that do not count."""
+        return self.runs + self.apart
 
     @classmethod
     def of(
@@ -162,6 +168,7 @@ class Verified:
             misses=found.misses[:_MOST],
             breaking=tuple(each.factor.name for each in found.effects if np.isinf(each.worsening)),
             seed=found.seed,
+            apart=len(found.unheld),
         )
 
     @property

@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
+from prefcal_app.report import write
 from prefcal_app.report.pictures import open_loop
 from prefcal_app.report.write import (
     FILE,
@@ -165,6 +166,32 @@ def test_limits_judge_a_verification_and_count_when_it_is_repeated(best):
     assert said.lines == ()
     assert verify_best(best, 4, jobs=1) == said  # as the page repeats it
     assert "end safely and settle" in verify_best(best, 4, jobs=1, limits=()).headline
+
+
+def test_a_limit_looser_than_that_of_the_study_is_the_first_thing_said(tmp_path):
+    (tmp_path / "own.py").write_text(
+        "from prefcal_env import Plant\nplant = Plant.of(([2.0], [20, 1]), delay=3.0)\n"
+    )
+    study = 'controller = "pid"\nplant = "own.py:plant"\n[kpis]\novershoot = 2\nsettling_time = 500\n'
+    (tmp_path / "study.toml").write_text(study)
+    theta = {"K_p": 2.2, "T_i": 20.0, "T_d": 0.5, "b": 1.0}
+    content = {"format": 1, "scenario": "study.toml", "theta": theta, "settings": {}}
+    (tmp_path / BEST).write_text(json.dumps(content))
+    limits = ["overshoot <= 60 %", "settling_time <= 400"]
+    said = verify_best(tmp_path / BEST, 4, jobs=1, limits=limits)
+    first = "By looser limits than the study's (overshoot of y ≤ 60 % in place of ≤ 2 %): "
+    assert said.headline.startswith(first)
+    assert not verify_best(tmp_path / BEST, 4, jobs=1, limits=limits[1:]).headline.startswith("By looser")
+
+
+def test_a_study_that_is_repeated_needs_the_limits_too():
+    again = "repeat the command of the study with"
+    advice = ("take that one", f"{again} --robust, then verify")
+    for source, said in (
+        ("a.toml", f"{again} --limit 'x <= 1' --robust, then verify"),
+        ("lag", f"{again} --robust, then verify; first state x <= 1 in the KPIs of your file"),
+    ):
+        assert [*write._with_limits(advice, ["x <= 1"], source)] == ["take that one", said]
 
 
 def test_an_own_scenario_that_states_no_kpis_is_limited_by_those_of_its_run(tmp_path):

@@ -58,14 +58,14 @@ def test_without_a_result_there_is_no_reason_for_one():
 @pytest.mark.parametrize(
     ("verdicts", "first"),
     [
-        (["worse", "worse", "better", "better", "", "better", "better"], [0, 2, 3, 5]),
+        (["worse", "worse", "better", "better", "", "better", "better"], [0, 1, 2, 3, 5]),
         (["better", "better"], [0, 1]),
         (["", "", "", ""], [0, 1, 2]),
-        (["worse", "", "worse"], [0]),
+        (["worse", "", "worse"], [0, 2]),
         ([], []),
     ],
 )
-def test_gains_and_their_largest_cost_are_shown_before_other_kpis(verdicts, first):
+def test_gains_and_all_that_they_cost_are_shown_before_other_kpis(verdicts, first):
     row = {"title": "a", "before": "1", "after": "2", "met": None, "change": "", "unit": "", "about": ""}
     rows = [row | {"verdict": verdict, "objective": ""} for verdict in verdicts]
     assert gain_view("first experiment", 1, rows, [])["first"] == first

@@ -220,6 +220,17 @@ def test_spikes_are_named_and_without_them_the_record_tells_its_plant(found):
     identify(TIME, STEPPED, y, count=20)
 
 
+@pytest.mark.parametrize(("damping", "rows"), [(0.1, 6), (0.1, 10), (0.07, 8)])
+def test_a_plant_that_swings_has_no_spikes(damping, rows):
+    w, t = 2 * np.pi / rows, np.arange(400.0)
+    u = ((t >= 20) & (t < 200)).astype(float)
+    fast = np.arange(0, 400, 0.02)
+    y = signal.lsim(([w * w], [1, 2 * damping * w, w * w]), np.repeat(u, 50), fast)[1][::50]
+    y += 0.005 * np.random.default_rng(0).standard_normal(400)
+    made = identify(t, u, y, count=20)
+    assert made.models[made.best].gain == pytest.approx(1.0, rel=0.05)
+
+
 def test_an_output_that_settles_and_is_rounded_is_not_taken_for_saturated():
     made = identify(TIME, STEPPED, np.round(output(), 1), count=30)
     assert made.models[made.best].gain == pytest.approx(GAIN, rel=0.05)

@@ -217,6 +217,9 @@ def test_a_verification_names_the_record_and_what_it_leaves_open(record, plant):
     assert found.factors[0].name == "plant identified from step.csv"
     assert {run.values[found.factors[0].name] for run in found.runs} <= {float(k) for k in range(1, 301)}
     assert "dead time" not in {name for name, _ in found.left_out}
+    # The actuator of the record is in the plants that explain it.
+    assert ("lag of the actuators", "the record has that of the actuator in it") in found.left_out
+    assert all("lag of the actuators" not in run.values for run in found.runs)
     # Its sensor is as noisy as the record is, where that is more than usual.
     noise = next(factor for factor in found.factors if factor.name == "noise")
     step = abs(scenario.run(scenario.references["robust"]).y_ref[0] - 52)

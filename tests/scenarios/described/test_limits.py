@@ -37,6 +37,7 @@ def _tank(tmp_path, monkeypatch):
     [
         ("overshoot <= 10 %", "overshoot", {"at_most": 10.0, "unit": "%"}),
         ("phase_margin>=45", "phase_margin", {"at_least": 45.0}),
+        ("overshoot<=10%", "overshoot", {"at_most": 10.0, "unit": "%"}),
         ("lag of oil level ≤ 1e-1 [min]", "lag of oil level", {"at_most": 0.1, "unit": "min"}),
     ],
 )
@@ -44,7 +45,9 @@ def test_a_limit_is_read_as_an_entry_of_a_file(text, name, entry):
     assert limit_of(text) == (name, entry)
 
 
-@pytest.mark.parametrize("text", ["overshoot", "overshoot <= much", "<= 10", "overshoot = 10", "x <= nan"])
+@pytest.mark.parametrize(
+    "text", ["overshoot", "overshoot <= much", "<= 10", "overshoot = 10", "x <= nan", "x <= 1.2.3"]
+)
 def test_what_is_no_limit_is_refused_with_what_one_is(text):
     with pytest.raises(ScenarioError, match=f'for example "overshoot <= 10 %", got {text!r}'):
         limit_of(text)
@@ -77,12 +80,16 @@ def test_a_limit_of_a_margin_lets_it_be_computed():
         ("overshot <= 10 %", "no KPI 'overshot'. Did you mean 'overshoot'? Expected one of settling_time, "),
         ("overshoot <= 10 m", "'overshoot': its unit must be %, or one that converts into it, got 'm'"),
         # No run of a PID has it, so a limit of it would be kept by all.
+        (
+            "overshoot <= 10%; overshoot <= 14%",
+            "'overshoot' is limited twice, the second time by 'overshoot <= 14%'",
+        ),
         ("integrated error of level <= 3", "there is no KPI 'integrated error of level'"),
     ],
 )
 def test_a_limit_of_what_no_run_has_is_refused(text, said):
     with pytest.raises(ScenarioError, match=re.escape(said)):
-        limited(load(SOURCE.format("[]")), [text])
+        limited(load(SOURCE.format("[]")), text.split("; "))
 
 
 def test_of_ones_own_scenario_only_its_kpis_can_be_limited():

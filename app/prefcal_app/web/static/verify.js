@@ -65,8 +65,9 @@ function said({ best, verdict, statement, limits, lines, margins, advice, basis,
   const tabled = (each) => [el("h5", {}, each.label), shownTable(each)];
   const list = (title, lines) => (lines.length ? [el("h5", {}, title), el("ul", { class: "plain" }, lines.map((text) => el("li", {}, symbol(text))))] : []);
   return [el("p", { class: "statement" }, el("strong", {}, symbol(verdict))), verdict.includes(statement) ? null : el("p", {}, symbol(statement)), list("What to do about it", advice),
+    lines ? [el("p", {}, "To judge it by the usual limits, run this, then open this page again:"), el("div", { class: "command" }, el("pre", {}, lines), copying(lines))] : null,
     worst.length ? folded("worst-runs", "The worst runs, beside the nominal one: acceptable?", worst.map((each, k) => run(each, k, best))) : null,
-    folded("verified", "What was varied, its margins, and what hurts most", el("p", { class: "faint" }, symbol(limits)), lines ? el("div", { class: "command" }, el("pre", {}, lines), copying(lines)) : null, varied.map(tabled),
+    folded("verified", "What was varied, its margins, and what hurts most", el("p", { class: "faint" }, symbol(limits)), varied.map(tabled),
       el("h5", {}, "What margin has it?"), el("p", { class: "statement" }, symbol(margins)), el("p", { class: "faint" }, symbol(`${basis}.`)),
       tables.map(tabled), list("What hurts most, one at a time", effects)),
     el("p", { class: "actions" }, start("Verify again"))];

@@ -398,3 +398,11 @@ def test_what_is_no_rounding_stays(fraction):
     made = system_of(fraction)
     assert made.cleaned == ()
     assert len(made.A) == len(fraction[1]) - 1
+
+
+def test_a_lag_before_the_inputs_multiplies_the_transfer_function():
+    system = Plant.of(([2.0, 1.0], [5, 1, 1])).system
+    s = 1j * np.array([0.01, 0.3, 2.0])
+    expected = system.at(s)[:, 0, 0] / (1 + 4 * s)
+    assert system.behind(4.0).at(s)[:, 0, 0] == pytest.approx(expected, rel=1e-12)
+    assert system.behind(0.0) is system
