@@ -156,7 +156,7 @@ class Simulations:
         """
         if self.holds is None:
             return np.ones(len(rows), dtype=np.bool_)
-        held = self.eligible(bank)[rows]
+        held: Bool[np.ndarray, " r"] = self.eligible(bank)[rows]
         held[held] = self.runs_kept(bank.thetas[rows[held]]) == ENOUGH
         return held
 
