@@ -31,6 +31,7 @@ from prefcal_scenarios.wording import (
     read_text,
     typed_name,
     typed_number,
+    typed_theta,
     with_unit,
 )
 
@@ -167,7 +168,8 @@ def _difference(pair: _Pair) -> str:
         return ""
     size = pair.apart
     text = f"{size:.3g}" if 1e-4 <= size < 1e3 else f"{size:.12f}".rstrip("0").rstrip(".")
-    return with_unit(("+" if b > a else "−") + text, pair.kpi.unit)
+    unit = "% points" if pair.kpi.unit == "%" else pair.kpi.unit  # "%" alone would read as a share
+    return with_unit(("+" if b > a else "−") + text, unit)
 
 
 def _better(pair: _Pair) -> str | None:
@@ -399,6 +401,7 @@ def outlook(
     never: Sequence[str] = (),
     unstable: bool = False,
     limiting: str = "",
+    keeping: str = "",
     helps: Callable[[int, bool], bool],
 ) -> Outlook:
     """Return the outlook of a study.
@@ -413,12 +416,13 @@ def outlook(
         never: Titles of the KPIs that are infinite even in the best experiment.
         unstable: Whether the loop of the best experiment is not stable.
         limiting: Input whose range limits the best experiment; "" if none does.
+        keeping: Words on another θ that misses no objective, of `begin_with`; "" if none is known.
         helps: Function of the number of a knob at its end, and whether it is the upper end, that
             returns whether going further is expected to help.
     """
     reach = f"Not even the best experiment has a finite {_listed(never)}." if never else ""
     swings = "The loop of the best experiment is not stable." if unstable else ""
-    why = " ".join(filter(None, (swings, _missed(missed, limiting), reach)))
+    why = " ".join(filter(None, (swings, _missed(missed, limiting, keeping), reach)))
     ends = [
         (knob, up)
         for knob, up in at_end(space, best)
@@ -429,7 +433,10 @@ def outlook(
     several = len(ends) > 1
     verb, whose = ("are", "their ranges") if several else ("is", "its range")
     listed = _listed([knob.name for knob, _ in ends])
-    sentence = f"{listed} of the best θ {verb} near the end of {whose}"
+    numbers = [space.knobs.index(knob) for knob, _ in ends]
+    reached = [space.within[number][up] for number, (_, up) in zip(numbers, ends, strict=True)]
+    near = "at" if np.allclose(best[numbers], reached, atol=0) else "near"
+    sentence = f"{listed} of the best θ {verb} {near} the end of {whose}"
     within = promise and f"Within the present ranges, {promise[0].lower()}{promise[1:]}"
     if place == ":memory:":
         end = f"{sentence}; if your plant allows it, widen {whose}."
@@ -442,13 +449,32 @@ def outlook(
     )
 
 
-def _missed(titles: Sequence[str], limiting: str) -> str:
+def begin_with(named: Mapping[str, Experiment], space: KnobSpace, limited: Sequence[KPI]) -> str:
+    """Return that the first of some experiments that keeps all limits does so, and how to begin with it.
+
+    It is empty if none does that ended safely and lies in the searched ranges.
+
+    Args:
+        named: Experiments by what they are called.
+        space: Knobs with their searched ranges.
+        limited: KPIs with an objective.
+    """
+    low, high = np.array(space.within).T
+    for name, run in named.items():
+        inside = not run.end.interrupted and ((low <= run.theta) & (run.theta <= high)).all()
+        if inside and all(kpi.met_by(run) for kpi in limited):
+            start = shlex.join(["--start", typed_theta(space, run.theta.tolist())])
+            return f"{name} misses none: to begin with it, repeat the command of the study with {start}"
+    return ""
+
+
+def _missed(titles: Sequence[str], limiting: str, keeping: str) -> str:
     """Return a sentence on missed objectives and what to do about them; empty if there are none."""
     if not titles:
         return ""
     which = "objectives" if len(titles) > 1 else "objective"
     more = "continue or, if more experiments do not help, widen the ranges or change the controller"
-    todo = range_ends(limiting) if limiting else more
+    todo = keeping or (range_ends(limiting) if limiting else more)
     return f"The best experiment misses the {which} for {_listed(titles)}: {todo}."
 
 

@@ -365,7 +365,7 @@ class _Step:
             aims.append(float(y0[k]) + share * step)
             left = np.copysign(free, share) * step
             if limit := _beyond(c, aims[-1] + left):
-                near = f"with less than {_in(abs(left), c)} left to" if left else "beyond"
+                near = "beyond" if _beyond(c, aims[-1]) else f"with {_in(abs(left), c)} or less left to"
                 return f"{c.name} would go to {_in(aims[-1], c)}, {near} its limit of {limit}"
         found = rest(self.plant, x0, u0, d, [k for k, _ in self.targets], aims)
         goal = ", ".join(

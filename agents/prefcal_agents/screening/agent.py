@@ -31,7 +31,7 @@ from prefcal_agents.search import Tried
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.preferences.history import History, lost_since
 
-from .bank import ENOUGH, Growth, KeptStage, Simulating, Simulations, Stage
+from .bank import Growth, KeptStage, Simulating, Simulations, Stage
 
 # --- What can be said of a result: how many θ are noticeably better, for people unlike the draws, too.
 #
@@ -338,8 +338,8 @@ class Screening(Simulating):
         return self.simulations.learn_once(BeyondKPIs, self.space, self.setup.seed)
 
     def _holds(self, bank: Bank, row: int) -> bool:
-        """Return whether a row keeps the limits in all perturbed runs; without `holds` any does."""
-        return bool(self.simulations.runs_kept(bank.thetas[[row]])[0] == ENOUGH)
+        """Return whether a row holds; see `Simulations.held`."""
+        return bool(self.simulations.held(bank, np.array([row]))[0])
 
     # What the agent does.
 
@@ -358,7 +358,7 @@ class Screening(Simulating):
         better = np.mean(stage.costs[:, rows] < stage.costs[:, rows[best], None] - 1.0, axis=0)
         loose = float(stage.utilities.loose.mean())
         if self.simulations.holds is not None:
-            held = self.simulations.runs_kept(stage.bank.thetas[rows]) == ENOUGH
+            held = self.simulations.held(stage.bank, rows)
             better = better * held
             if not held[best]:
                 # All that hold are rivals, for any person; the one with the largest worth leads.
@@ -393,7 +393,7 @@ class Screening(Simulating):
         if growth.simulations.candidates is None and without_kpis(history, stage, growth):
             beyond = tried.fresh(self._beyond.propose(history, stage), rng)
             # It is new to the simulations, so it may fail or never arrive: then the draws choose.
-            if growth.works(beyond):
+            if growth.works(beyond, stage.bank):
                 return beyond
         if stage.rough and history.answered % _OPEN == 0:
             found = _open_minded(stage, history, rng)
@@ -416,7 +416,7 @@ class Screening(Simulating):
     def _robust_first(
         self, stage: Stage, order: Int[np.ndarray, " m"], allowed: Bool[np.ndarray, " m"], answered: int
     ) -> Int[np.ndarray, " m"]:
-        """Return rows in order behind the first that keeps the limits in all perturbed runs.
+        """Return rows in order behind the first that holds.
 
         It is one of those that promise most, and one that never reaches something, which holds easily,
         only if it promises more than all others: if there is none, one that does not hold teaches

@@ -9,7 +9,7 @@ from threading import Lock
 from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from prefcal_agents.agent import Agent, Settings, Start, one_thread
 from prefcal_agents.lessons import Remembered, Stages
@@ -147,6 +147,25 @@ class Simulations:
         if self.holds is None:
             return np.full(len(thetas), most)
         return np.array(self.holds(list(thetas), most), dtype=np.int64)
+
+    def held(self, bank: Bank, rows: Int[np.ndarray, " r"]) -> Bool[np.ndarray, " r"]:
+        """Return which rows of a bank hold, shape (r,): all do where the study is not robust.
+
+        They keep in all perturbed runs what they keep nominally. That is every stated limit if some row
+        of the bank keeps all: else the more a θ missed, the less it would have to hold.
+        """
+        if self.holds is None:
+            return np.ones(len(rows), dtype=np.bool_)
+        held: Bool[np.ndarray, " r"] = self.eligible(bank)[rows]
+        held[held] = self.runs_kept(bank.thetas[rows[held]]) == ENOUGH
+        return held
+
+    def eligible(self, bank: Bank) -> Bool[np.ndarray, " m"]:
+        """Return which θ of a bank keep all stated limits nominally, shape (m,); all θ if none does."""
+        limits = [self.reading.limits.get(name) for name in bank.names]
+        limited = [k for k, most in enumerate(limits) if most is not None]
+        kept = (bank.kpis[:, limited] <= [limits[k] for k in limited]).all(axis=1) & ~bank.hopeless
+        return np.asarray(kept if kept.any() else np.ones(len(bank), dtype=np.bool_))
 
     def _run(self, wanted: Mapping[bytes, Theta]) -> None:
         """Simulate those of `wanted` that are not known; a function of one θ by one thread."""
@@ -485,13 +504,14 @@ class Growth:
         turn = max(history.answered - 1, 0)
         return sum(wide + near for wide, near in self._plan[: turn + 1])
 
-    def works(self, z: Float[np.ndarray, " n"]) -> bool:
+    def works(self, z: Float[np.ndarray, " n"], bank: Bank) -> bool:
         """Simulate the θ of a point of the cube, shape (n,); return whether it can be shown.
 
-        It has a finite KPI and, in a robust study, keeps the limits in all perturbed runs.
+        It has a finite KPI and, in a robust study, holds, also beside the θ of `bank`.
         """
-        bank = self._simulate(*self._space.proposals(z[None]))
-        return not bank.hopeless[0] and self.simulations.runs_kept(bank.thetas)[0] == ENOUGH
+        bank = self.extend(bank, *self._space.proposals(z[None]))
+        last = len(bank) - 1
+        return bool(not bank.hopeless[last] and self.simulations.held(bank, np.array([last]))[0])
 
     def _first(self) -> Stage:
         """Return the stage before the first answer: leaders by what anybody may want."""

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from math import isinf
 
 import numpy as np
 from jaxtyping import Float
@@ -59,12 +58,15 @@ class RobustResult:
     Args:
         kept: How many perturbed runs keep the limits before one does not.
         costs: KPIs in which another θ is better that promises most, but does not hold, what matters
-            most first; each with the share of its value by which the best θ is worse, None where there
-            is no share: of 0, or if it never arrives.
+            most first; each with the value of the best θ and of that one, as agents know them.
+        outdone: Whether it does not hold since it misses limits nominally, and a simulated θ keeps all.
+        among: Whether costs are beside those θ alone that keep all stated limits nominally.
     """
 
     kept: int
-    costs: tuple[tuple[str, float | None], ...] = ()
+    costs: tuple[tuple[str, float, float], ...] = ()
+    outdone: bool = False
+    among: bool = False
 
 
 def reason_for(stage: Stage, new: int, best: int, history: History) -> Reason:
@@ -291,26 +293,23 @@ def _menu(agent: Screening, stage: Stage, past: History, best: int) -> tuple[Alt
     # What never reaches something that the result reaches is no wish of anybody who kept to the result.
     never = stage.bank.hopeless | (np.isinf(kpis) & np.isfinite(kpis[best])).any(axis=1)
     rows = np.array(others(stage.costs, stage.logs, ~never, best), dtype=np.int64)
-    held = rows[agent.simulations.runs_kept(stage.bank.thetas[rows]) == ENOUGH].tolist()
+    held = rows[agent.simulations.held(stage.bank, rows)].tolist()
     thetas = stage.bank.thetas[held].tolist()
     gained = [reason_for(stage, row, best, past).better_in for row in held]
     return tuple(Alternative(tuple(theta), gains) for theta, gains in zip(thetas, gained, strict=True))
 
 
 def _robustness(agent: Screening, stage: Stage, past: History, best: int) -> RobustResult:
-    # The price of keeping the limits: compare with the best θ of all, whether or not it keeps them.
-    bank, rival = stage.bank, int(np.argmax(worth(stage.costs).mean(axis=0)))
+    # The price of holding alone: compare with what promises most of what keeps the limits nominally.
+    bank, eligible = stage.bank, agent.simulations.eligible(stage.bank)
+    rival = int(np.argmax(np.where(eligible, worth(stage.costs).mean(axis=0), -np.inf)))
     kept, other = agent.simulations.runs_kept(bank.thetas[[best, rival]]).tolist()
-    if rival == best or other == ENOUGH:
-        return RobustResult(kept)
+    found = RobustResult(kept, outdone=bool(~eligible[best]), among=bool(~eligible.all()))
+    if rival == best or other == ENOUGH or found.outdone:
+        return found
     names = reason_for(stage, rival, best, past).better_in
     pairs = bank.kpis[[best, rival]][:, [bank.names.index(name) for name in names]].T.tolist()
-    return RobustResult(kept, tuple((n, _share(*pair)) for n, pair in zip(names, pairs, strict=True)))
-
-
-def _share(ours: float, theirs: float) -> float | None:
-    # There is no share of 0, and none by which never is later than something.
-    return None if not theirs or isinf(ours) else (ours - theirs) / abs(theirs)
+    return replace(found, costs=tuple((n, *pair) for n, pair in zip(names, pairs, strict=True)))
 
 
 def _find_smaller_change(agent: Screening, known: Findings) -> Findings:

@@ -219,6 +219,7 @@ class Calibration:
         options, scenario, wanted = self.options, self.interview.scenario, self.reportable
         self.interview.known.foresight(learn=True)
         shown = {} if failed or not wanted else references(scenario, options.seed, self.say)
+        self.interview.known.references = shown  # so that page and report advise the same
         record, trouble = record_of(self.interview, options, shown).costed()
         if trouble and not failed:
             self.say(f"prefcal: the report has no costs: {trouble}")

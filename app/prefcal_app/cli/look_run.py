@@ -4,11 +4,14 @@ import re
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import replace
+from itertools import chain, repeat
+from math import inf
 from pathlib import Path
 from typing import Any
 
+from rich import progress as bar
 from rich.console import Console
 from rich.table import Table
 
@@ -22,6 +25,7 @@ from prefcal_env.errors import SettingsError
 from prefcal_env.study import study_path
 from prefcal_env.tables import TableColumns
 from prefcal_scenarios.described.description import listed
+from prefcal_scenarios.runs import Progress
 from prefcal_scenarios.scenario import KPI
 from prefcal_scenarios.verification.said import FILE, NOT_VARIED, VARIED, Verified
 from prefcal_scenarios.wording import printable, put
@@ -164,21 +168,46 @@ def _serve(runs: Sequence[NamedRun], options: LookOptions) -> None:
 # --- Run `prefcal verify`: vary the plant of a tuning, say and keep what came of it, ask about the worst.
 
 _VERDICTS = {"y": True, "n": False}
+_BATCHES = (
+    "varied runs",
+    "failed runs with the task as stated, other tunings",
+    "other runs with the task as stated",
+)
+"""What a verification runs, in this order, the last two only where some run fails."""
+
+
+@contextmanager
+def _bars() -> Iterator[Progress]:
+    """Yield a function of the number of runs that arrived and of all, with a named bar for each batch."""
+    columns = bar.TextColumn("{task.description}"), bar.BarColumn(), bar.MofNCompleteColumn()
+    times = bar.TimeElapsedColumn(), bar.TimeRemainingColumn()
+    names, arrived_before = chain(_BATCHES, repeat("further runs")), inf
+    with bar.Progress(*columns, *times, console=Console(stderr=True, emoji=False)) as display:
+
+        def tell(arrived: int, total: int | None) -> None:
+            nonlocal arrived_before
+            if arrived <= arrived_before:  # another batch has begun
+                display.add_task(next(names))
+            arrived_before = arrived
+            display.update(display.task_ids[-1], completed=arrived, total=total)
+
+        yield tell
 
 
 def verify(options: VerifyOptions) -> int:
     """Verify the tuning; return the exit code."""
     best, console = Path(options.best), Console(emoji=False)
-    said = verify_best(
-        best,
-        options.runs,
-        limits=options.limit,
-        ranges=dict(_range(text) for text in options.range),
-        jobs=options.jobs,
-        timeout=options.run_timeout,
-        progress=True,
-        seed=options.seed,
-    )
+    with _bars() as progress:
+        said = verify_best(
+            best,
+            options.runs,
+            limits=options.limit,
+            ranges=dict(_range(text) for text in options.range),
+            jobs=options.jobs,
+            timeout=options.run_timeout,
+            progress=progress,
+            seed=options.seed,
+        )
     show(said, console)
     if beside := written_beside(said, best.parent):
         say(

@@ -53,7 +53,7 @@ from .record import StudyRecord, foremost_kpis
 # --- Draw closed-loop runs, overlaid or side by side.
 
 _ACROSS = 3  # largest number of maneuvers next to each other; more would be too narrow to read
-_LINE, _WIDE = 76, 130  # number of characters of θ that fit above half of a figure, and of text under it
+_LINE, _WIDE = 76, 100  # number of characters of θ that fit above half of a figure, and of text under it
 
 
 @dataclass(frozen=True, slots=True)
@@ -386,7 +386,7 @@ def _limits(axes: Axes, channel: Channel, *, named: bool) -> None:
 
 def panel_title(channel: Channel, *, zoomed: bool = False) -> str:
     """Return the title of a panel: the signal, its unit, and its target or limits."""
-    parts = [channel.name[:1].upper() + channel.name[1:]]
+    parts = [channel.name]
     if channel.symbol:
         parts.append(f"${channel.symbol}$")
     text = " ".join(parts) + (f" [{channel.unit}]" if channel.unit else "")

@@ -1,6 +1,6 @@
 """An agent's questions and a person's answers: what is known, what can be done, and who does it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, suppress
 from dataclasses import replace
 from typing import cast
@@ -30,6 +30,7 @@ from prefcal_app.summary import (
     Outlook,
     Planned,
     answered,
+    begin_with,
     falls_outward,
     foreseen,
     list_shown,
@@ -78,6 +79,8 @@ class Known:
 
     def __init__(self, driver: Driver, scenario: Callable[[], Scenario]) -> None:
         self._driver, self._scenario = driver, scenario
+        self.references: Mapping[str, Experiment] = {}
+        """Experiments of the scenario's reference θ by name, once they ran for a report."""
 
     @property
     def counts(self) -> Counts:
@@ -167,6 +170,7 @@ class Known:
             never=never,
             unstable=self.unstable,
             limiting=limiting_input(best) if lacks else "",
+            keeping=self._keeping() if missed else "",
             helps=helps,
         )
         said = self.findings
@@ -178,6 +182,14 @@ class Known:
         if not by_value:
             found = replace(found, unbeaten=others_unbeaten(state.history, robust=is_robust(state)))
         return found if found.sentences else None
+
+    def _keeping(self) -> str:
+        """Return which experiment that was answered about, or reference, misses no objective, and its θ."""
+        driver, limited = self._driver, [k for k in self._scenario().shown_kpis if k.met(0.0) is not None]
+        with driver.changed:
+            known = [k for k in list_shown(driver.state) if k < driver.state.history.answered]
+            named = {f"experiment {k + 1}": driver.store.experiment(k) for k in known}
+        return begin_with({**named, **self.references}, self._scenario().space, limited)
 
     def _helps(self, knob: int, upper: bool) -> bool:
         """Return whether the model expects that going beyond an end of a knob's range helps."""

@@ -19,9 +19,9 @@ from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.sources.source import env_of, plant_of
 from prefcal_env.sources.varied import BEYOND
-from prefcal_scenarios.scenario import Scenario
+from prefcal_scenarios.scenario import KPI, Scenario
 from prefcal_scenarios.verification.result import breakable
-from prefcal_scenarios.wording import with_unit
+from prefcal_scenarios.wording import quantity, with_unit
 
 # --- Say in one sentence why an experiment is shown, what the answer can change, and what was wanted.
 
@@ -215,11 +215,13 @@ def kept(smaller: SmallerChange | None, scenario: Scenario) -> str:
     )
 
 
-def _held(kept: int, which: str, scenario: Scenario, nominal: Experiment | None) -> str:
+def _held(
+    kept: int, which: str, scenario: Scenario, nominal: Experiment | None, *, outdone: bool = False
+) -> str:
     """Return how many perturbed runs keep the limits that the nominal one meets before one does not.
 
     Where there is none, it says what was asked instead, as `prefcal verify` does. If the nominal run is
-    not known, it names no limit.
+    not known, it names no limit. What is `outdone` does not hold, see `RobustResult`.
     """
     limited = breakable(scenario.kpis)
     met, missed = (
@@ -227,6 +229,15 @@ def _held(kept: int, which: str, scenario: Scenario, nominal: Experiment | None)
         for one in (True, False)
     )
     left = f" It misses {_listed(missed)} even nominally." if missed else ""
+    if outdone and kept >= ENOUGH:
+        stated = [k.title for k in scenario.kpis if k.met(0.0) is not None]
+        failed = [
+            k.title for k in scenario.kpis if nominal and k.met_by(nominal) is False and k.title in stated
+        ]
+        which_ones = _listed(failed) if failed else "a stated limit"
+        left = (
+            f" It does not hold: it misses {which_ones} nominally, and a simulated θ keeps all stated limits."
+        )
     if limited and (met or nominal is None):
         those = f"those that it meets nominally ({_listed(met)})" if met else "those that it meets nominally"
         if kept >= ENOUGH:
@@ -234,9 +245,11 @@ def _held(kept: int, which: str, scenario: Scenario, nominal: Experiment | None)
         lost = f"keep, of the stated limits, {those}"
     else:
         none = "it meets no stated limit nominally" if limited else "no limit is stated"
+        reach = "safely and reach what the nominal run reaches"
+        if kept >= ENOUGH and limited:
+            return f"{which} meets no stated limit: all {ENOUGH} perturbed runs end {reach}, no more.{left}"
         if kept >= ENOUGH:
-            reach = f"end safely and reach what the nominal run reaches ({none})"
-            return f"{which} holds: all {ENOUGH} perturbed runs {reach}.{left}"
+            return f"{which} holds: all {ENOUGH} perturbed runs end {reach} ({none})."
         lost = f"end safely, or does not reach what the nominal run reaches ({none})"
     return f"{which} does not hold: perturbed run {kept + 1} of {ENOUGH} does not {lost}.{left}"
 
@@ -255,20 +268,39 @@ def _perturbed(scenario: Scenario) -> str:
 
 def robust(found: RobustResult, scenario: Scenario, nominal: Experiment | None = None) -> Iterator[str]:
     """Yield how the result, whose nominal run may be known, holds and what that costs, a sentence each."""
-    yield _held(found.kept, "The result", scenario, nominal)
+    yield _held(found.kept, "The result", scenario, nominal, outdone=found.outdone)
     if found.kept < ENOUGH:
         return  # nothing was paid
     yield _perturbed(scenario)
-    kpis, parts = {kpi.name: kpi for kpi in scenario.kpis}, list[str]()
-    for name, share in found.costs:
-        if share is None or share >= _LEAST:
-            title = kpis[name].title if name in kpis else name.replace("_", " ")
-            parts.append(title if share is None else f"about {100 * share:.0f} % of {title}")
-    costs = _listed(parts[:_MOST]) or f"less than {percent(_LEAST)} of each KPI"
+    if found.outdone:
+        return
+    kpis = {kpi.name: kpi for kpi in scenario.kpis}
+    prices = [_price(kpis.get(name), name, ours, theirs) for name, ours, theirs in found.costs]
+    costs = (
+        _listed([price for price in prices if price][:_MOST]) or f"less than {percent(_LEAST)} of each KPI"
+    )
+    limited = found.among and any(k.met(0.0) is not None for k in scenario.kpis)
     if found.costs:
-        yield f"Robustness costs {costs}: what promises most nominally does not hold."
+        those = ", of what keeps the stated limits," if limited else ""
+        yield f"Robustness costs {costs}: what promises most nominally{those} does not hold."
     else:
-        yield "Robustness costs nothing: no simulated θ that does not hold promises more."
+        those = "keeps the stated limits nominally but does" if limited else "does"
+        yield f"Robustness costs nothing: no simulated θ that {those} not hold promises more."
+
+
+def _price(kpi: KPI | None, name: str, ours: float, theirs: float) -> str:
+    """Return by how much the value of a KPI is worse than another, both as agents know them; "" if hardly."""
+    title = kpi.title if kpi else name.replace("_", " ")
+    if theirs and not isinf(ours):
+        share = (ours - theirs) / abs(theirs)
+        return f"about {100 * share:.0f} % of {title}" if share >= _LEAST else ""
+    # There is no share of 0, and none by which never is later than something.
+    unit = kpi.unit if kpi else ""
+    if kpi and kpi.goal == "target":
+        return f"{title} ({quantity(ours, unit)} from the middle of its objective, within it otherwise)"
+    sign = -1.0 if kpi and kpi.goal == "higher" else 1.0
+    read = ["never" if isinf(value) else quantity(sign * value + 0.0, unit) for value in (ours, theirs)]
+    return f"{title} ({read[0]} instead of {read[1]})"
 
 
 def menu_names(

@@ -18,6 +18,7 @@ from prefcal_agents.screening.bank import ENOUGH, Growth, Simulations
 from prefcal_agents.screening.findings import chances, findings, reason_for
 from prefcal_env.errors import SettingsError, SimulationError
 from prefcal_env.knobs import Knob, KnobSpace
+from prefcal_env.preferences.answer import Reading
 from prefcal_env.preferences.history import History
 from support.agents import quick
 from support.simulated import SQUARE, everything, in_chain
@@ -219,9 +220,9 @@ def test_the_price_is_what_the_best_nominal_one_is_better_in():
     agent = studied(Fast())
     found = everything(agent).robustness
     assert found.kept == ENOUGH
-    ((name, share),) = found.costs
-    assert name == "time"
-    assert 0.0 < share <= (2.0 - agent.best[0]) / 1.0 - 1.0, "nothing takes less than 1 s"
+    ((name, ours, theirs),) = found.costs
+    assert (name, ours) == ("time", 2.0 - agent.best[0])
+    assert 1.0 <= theirs < ours, "nothing takes less than 1 s"
     assert everything(studied(Fast(edge=1.0))).robustness.costs == ()
     assert everything(studied(Plain())).robustness is None
 
@@ -231,6 +232,47 @@ def test_a_tuning_of_the_persons_own_is_shown_and_one_that_holds_takes_its_place
     assert agent.samples[0].tolist() == [0.95, 0.5]
     assert agent.best[0] <= 0.6
     assert everything(agent).robustness.kept == ENOUGH
+
+
+class Limited(Fast):
+    """With a limit on the noise that only a gain below `edge` keeps; what misses it holds easily."""
+
+    reading = Reading(limits={"noise": 1.1})
+
+    def __call__(self, theta):
+        return {"time": 2.0 - theta[0], "noise": 1.0 + (theta[0] > self.edge)}
+
+    def holds(self, thetas, most):
+        return [most if theta[0] > self.edge or theta[0] < 0.4 else self.kept for theta in thetas]
+
+
+def test_what_misses_a_limit_that_others_keep_does_not_hold_however_little_is_left_to_lose(monkeypatch):
+    for seed in range(3):
+        agent = studied(Limited(), seed)
+        assert 0.3 < agent.best[0] < 0.4
+        found = everything(agent).robustness
+        assert (found.kept, found.outdone, found.among) == (ENOUGH, False, True)
+        assert [name for name, _, theirs in found.costs if theirs >= 1.4] == ["time"], "none faster keeps it"
+    monkeypatch.setattr(said_of, "others", lambda costs, logs, usable, result: range(len(costs[0])))
+    assert max(other.theta[0] for other in everything(agent).menu) < 0.4
+
+
+def test_where_no_theta_keeps_all_limits_each_holds_by_those_that_it_keeps():
+    agent = studied(Limited(edge=-1.0))
+    assert agent.best[0] > 0.9
+    found = everything(agent).robustness
+    assert (found.kept, found.outdone, found.among) == (ENOUGH, False, False)
+
+
+def test_a_result_that_misses_a_limit_says_so_if_nothing_that_was_shown_holds():
+    class Lost(Limited):
+        def holds(self, thetas, most):
+            return [most if theta[0] > self.edge else self.kept for theta in thetas]
+
+    agent = studied(Lost())
+    found = everything(agent).robustness
+    assert agent.best[0] > 0.6
+    assert (found.kept, found.outdone, found.costs) == (ENOUGH, True, ())
 
 
 def test_a_study_does_not_end_by_itself_while_its_best_does_not_hold(monkeypatch):

@@ -113,6 +113,15 @@ def test_fewer_runs_than_before_are_shown_and_kept_beside(prefcal, best, tmp_pat
     assert Verified.read(tmp_path).runs == 5
 
 
+def test_each_bar_says_what_it_runs(prefcal, best):
+    theta = {**LAG, "K": 7.0, "T_i": 8.0}
+    given = "verify", best(theta=theta), "--runs", "10", "--jobs", "1", "--limit", "overshoot <= 1 %"
+    code, _, err = prefcal(*given, "--range", "dead time=0.5:0.8")
+    assert code == 0, err
+    assert "varied runs" in err
+    assert "failed runs with the task as stated, other tunings" in err
+
+
 def test_in_a_terminal_each_of_the_worst_runs_is_asked_about_once(prefcal, best, tmp_path, monkeypatch):
     said, answers = [], iter(["y", "N", "?"])
 

@@ -8,7 +8,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from prefcal_app import figure
-from prefcal_app.report.pictures import DrawnRun, overlaid
+from prefcal_app.report.pictures import DrawnRun, overlaid, panel_title
 from prefcal_env.experiments.experiment import Channel, End
 from prefcal_env.plants.plant import Plant
 from prefcal_scenarios import load
@@ -113,6 +113,21 @@ def test_three_reasons_of_a_worst_run_stand_under_curves_that_keep_their_size():
     assert box.x0 >= 0
     assert box.x1 <= whole.x1
     assert min(axes.get_window_extent().y0 for axes in drawn.axes if axes.get_visible()) > box.y1
+
+
+@pytest.mark.parametrize("name", ["MEAN SQUARED COOLANT COMMAND", "recovery time of coolant temperature"])
+def test_no_line_under_a_picture_is_cut_off(name):
+    scenario = load("lag")
+    made = scenario.run(scenario.space.decode(np.full(len(scenario.space), 0.5)))
+    drawn = figure(scenario, made, made, below="; ".join([f"{name} misses its objective"] * 9))
+    FigureCanvasAgg(drawn).draw()
+    (said,) = [text for text in drawn.texts if "misses" in text.get_text()]
+    assert 0 <= said.get_window_extent().x0 < said.get_window_extent().x1 <= drawn.bbox.x1
+
+
+def test_titles_of_panels_keep_names_as_they_are_written():
+    assert panel_title(Channel("pH", target=7.0)) == "pH · target 7"
+    assert panel_title(Channel("rpm of x", "1/min")) == "rpm of x [1/min]"
 
 
 @pytest.mark.parametrize("draw", [figure, over_each_other])

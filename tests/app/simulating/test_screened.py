@@ -235,10 +235,24 @@ def test_it_says_how_many_random_experiments_the_result_is_equal_to(experiments,
     ("kept", "costs", "words"),
     [
         (300, (), "Robustness costs nothing: no simulated θ that does not hold promises more."),
-        (300, (("t_f", 0.7 / 3.6),), "Robustness costs about 19 % of time to steady state t_f: what"),
-        (300, (("t_f", None),), "Robustness costs time to steady state t_f: what promises"),
-        (300, (("t_f", 0.003),), "Robustness costs less than 1 % of each KPI: what promises most"),
-        (12, (("t_f", 0.7 / 3.6),), ""),
+        (300, (("t_f", 4.3, 3.6),), "Robustness costs about 19 % of time to steady state t_f: what"),
+        (
+            300,
+            (("t_f", np.inf, 3.6),),
+            "Robustness costs time to steady state t_f (never instead of 3.6 h): what",
+        ),
+        (
+            300,
+            (("t_f", 2.0, 0.0),),
+            "Robustness costs time to steady state t_f (2 h instead of 0 h): what promises",
+        ),
+        (
+            300,
+            (("t_f", 4.3, 3.6), ("u_max", -8.0, -10.0), ("e", 9.0, 1.0)),
+            "Robustness costs about 19 % of time to steady state t_f and about 20 % of u max: what",
+        ),
+        (300, (("t_f", 3.61, 3.6),), "Robustness costs less than 1 % of each KPI: what promises most"),
+        (12, (("t_f", 4.3, 3.6),), ""),
     ],
 )
 def test_what_robustness_costs_is_said_of_a_result_that_holds(kept, costs, words):
@@ -291,7 +305,6 @@ def test_which_limits_a_robust_result_meets_nominally_is_said_by_name():
     fails = (
         "The result does not hold: perturbed run 13 of 300 does not keep, of the stated limits, those that it"
     )
-    ends = "The result holds: all 300 perturbed runs end safely and reach what the nominal run reaches"
     assert said(300, t_f=4.0, peak=0.5) == f"{keeps} (time t_f and peak) in all 300 perturbed runs."
     assert said(300, t_f=4.0, peak=2.0) == (
         f"{keeps} (time t_f) in all 300 perturbed runs. It misses peak even nominally."
@@ -300,7 +313,29 @@ def test_which_limits_a_robust_result_meets_nominally_is_said_by_name():
         f"{fails} meets nominally (peak). It misses time t_f even nominally."
     )
     assert said(300, t_f=6.0, peak=2.0) == (
-        f"{ends} (it meets no stated limit nominally). It misses time t_f and peak even nominally."
+        "The result meets no stated limit: all 300 perturbed runs end safely and reach what the nominal run "
+        "reaches, no more. It misses time t_f and peak even nominally."
+    )
+
+
+def test_a_robust_result_that_misses_what_another_keeps_is_not_said_to_hold():
+    kpis = KPI("t_f", "time t_f", at_most=5.0), KPI("peak", "peak", at_most=1.0)
+    scenario = Scenario("s", "S", KnobSpace([Knob("K", 0, 1)]), lambda theta, seed=0: None, kpis=kpis)
+    nominal = toy.run(WANTED).with_kpis({"t_f": 6.0, "peak": 0.5})
+    found = RobustResult(300, outdone=True)
+    kept, _ = robust(found, scenario, nominal)  # then what varies, and no price
+    assert kept == (
+        "The result keeps, of the stated limits, those that it meets nominally (peak) in all 300 perturbed "
+        "runs. It does not hold: it misses time t_f nominally, and a simulated θ keeps all stated limits."
+    )
+    held = RobustResult(300, (("t_f", 4.3, 3.6),), among=True)
+    assert [*robust(held, scenario)][-1] == (
+        "Robustness costs about 19 % of time t_f: what promises most nominally, of what keeps the stated "
+        "limits, does not hold."
+    )
+    assert [*robust(replace(held, costs=()), scenario)][-1] == (
+        "Robustness costs nothing: no simulated θ that keeps the stated limits nominally but does not hold "
+        "promises more."
     )
 
 

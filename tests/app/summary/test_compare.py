@@ -18,7 +18,7 @@ SCENARIO = replace(
 )
 
 
-def rows(left, right, seen=None):
+def rows(left, right, seen=None, scenario=SCENARIO):
     """The comparison of two runs with these KPIs."""
     _, now = asked()
     question = now.question
@@ -27,7 +27,7 @@ def rows(left, right, seen=None):
         for side, kpis in ((question.left, left), (question.right, right))
     ]
     asked_now = replace(question, left=both[0], right=both[1])
-    return question_view(asked_now, SCENARIO, blind=False, seen=seen)["comparison"]
+    return question_view(asked_now, scenario, blind=False, seen=seen)["comparison"]
 
 
 def seen_of(*kpis):
@@ -115,6 +115,16 @@ def test_two_values_have_the_digits_that_tell_them_apart_and_what_is_shown_adds_
 ):
     (row,) = rows({"peak": left}, {"peak": right})
     assert (row["left"]["text"], row["right"]["text"], row["difference"]) == (*texts, difference)
+
+
+def test_the_difference_of_two_percentages_is_not_read_as_a_share():
+    scenario = replace(toy, kpis=(KPI("overshoot", "overshoot", "%", better="lower", resolution=0.1),))
+    (row,) = rows({"overshoot": 37.2}, {"overshoot": 61.6}, scenario=scenario)
+    assert (row["difference"], row["left"]["text"], row["right"]["text"]) == (
+        "+24.4 % points",
+        "37.2",
+        "61.6",
+    )
 
 
 def test_a_tick_says_what_the_printed_number_says():

@@ -1,5 +1,6 @@
 """Whether to go on, and knobs at the end of their range with the command that widens them."""
 
+import shlex
 from dataclasses import replace
 
 import numpy as np
@@ -8,10 +9,13 @@ import pytest
 from prefcal_app.cli.studies.commands import RespaceOptions
 from prefcal_app.cli.studies.files import respace
 from prefcal_app.session import Choice, actions
-from prefcal_app.summary import at_end, falls_outward, outlook, study_name
+from prefcal_app.summary import at_end, begin_with, falls_outward, outlook, study_name
+from prefcal_env.experiments.experiment import End
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.study import StudyFile
 from prefcal_env.study.file import study_path
+from prefcal_scenarios import KPI
+from prefcal_scenarios.wording import typed_theta
 from support.interviews import begin, clock, proceed
 from toy_study import TOY, toy_scenario
 
@@ -39,7 +43,8 @@ def said(theta, promise=PROMISE, place="/tmp/mine.prefcal", scenario="cstr", mis
 
 def test_knobs_at_their_ends_are_named_with_the_command():
     found = said([0.25, 4, 1.0, 3.0])
-    assert found.ends.startswith("T_s, N_p and offset of the best θ are near the end of their ranges")
+    assert found.ends.startswith("T_s, N_p and offset of the best θ are at the end of their ranges")
+    assert said([0.251, 4, 1.0, 3.0]).ends.startswith("T_s, N_p and offset of the best θ are near the end of")
     assert found.command == (
         "prefcal studies respace /tmp/mine.prefcal --knob T_s=0.125:1.5 --knob N_p=2:40 --knob offset=-5:5"
     )
@@ -65,7 +70,7 @@ def test_a_cost_that_falls_toward_an_end_calls_for_a_wider_range():
 def test_no_sentence_contradicts_another():
     found = said([0.25, 20, 1.0, 0.0])
     assert found.promise.startswith("Within the present ranges, the chance that something better")
-    assert found.ends.startswith("T_s of the best θ is near the end of its range; ")
+    assert found.ends.startswith("T_s of the best θ is at the end of its range; ")
     assert said([0.25, 20, 1.0, 0.0], "").sentences == (found.ends,)
 
 
@@ -116,7 +121,7 @@ def test_nothing_is_beyond_zero_the_whole_of_a_share_and_one():
         found = outlook(PROMISE, np.array(theta), space, place, STATE, helps=always)
         assert (found.ends, found.command) == ("", "")
     found = outlook(PROMISE, np.array([14.0, 1.0, 9, 1.0]), space, place, STATE, helps=always)
-    assert found.ends.startswith("T_d, N and K of the best θ are near the end")
+    assert found.ends.startswith("T_d, N and K of the best θ are at the end")
     assert found.command.endswith("--knob T_d=0:17.5 --knob N=1:11 --knob K=-2:1.75")
 
 
@@ -182,3 +187,28 @@ def test_where_the_range_of_an_input_ends_no_other_controller_is_advised():
         "an output is away from its reference: try a smaller step or load, or a larger range, before another "
         "controller."
     )
+
+
+def test_what_misses_no_objective_is_named_before_any_other_advice():
+    kpis = KPI("peak", "peak", at_most=1.0), KPI("t_f", "time", "s", at_most=5.0)
+    space, ran = toy_scenario().space, toy_scenario().run(np.array([0.5, 21.0, 1.0]))
+    (low, high), *rest = space.within
+
+    def run(peak, t_f, first=low):
+        theta = np.array([first, *(low for low, _ in rest)])
+        return replace(ran, theta=theta).with_kpis({"peak": peak, "t_f": t_f})
+
+    good, named = run(0.5, 4.0), {"experiment 1": run(0.5, 6.0), "experiment 2": run(2.0, 4.0)}
+    assert begin_with(named, space, kpis) == ""
+    assert begin_with({"experiment 1": replace(good, end=End.UNSAFE)}, space, kpis) == ""
+    assert begin_with({"paper": run(0.5, 4.0, high + 1.0)}, space, kpis) == "", "the study cannot begin there"
+    keeping = begin_with({**named, "paper": good, "other": good}, space, kpis)
+    typed = typed_theta(space, good.theta)
+    assert keeping == (
+        "paper misses none: to begin with it, repeat the command of the study with "
+        f"{shlex.join(['--start', typed])}"
+    )
+    given = (PROMISE, np.array(MIDDLE), SPACE, "/tmp/mine.prefcal", STATE)
+    for limiting in ("", "heater"):
+        found = outlook(*given, missed=["peak"], limiting=limiting, keeping=keeping, helps=always)
+        assert found.missed == f"The best experiment misses the objective for peak: {keeping}."

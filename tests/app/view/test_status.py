@@ -97,6 +97,26 @@ def test_a_missed_objective_is_said_once_enough_is_answered():
     json.dumps(outlook)
 
 
+def test_where_a_reference_misses_no_objective_the_outlook_names_it():
+    interview = begin(HARD, n_max=9)
+    answer_all(interview, lambda number: None)
+    reference = toy.run(np.array([0.5, 21.0, 1.0]))
+    interview.known.references = {"paper": reference.with_kpis({**reference.kpis, "t_f": 0.0})}
+    assert "settling time: paper misses none: to begin with it" in interview.known.outlook.missed
+
+
+def test_where_what_the_person_prefers_misses_an_objective_a_shown_one_that_does_not_is_named():
+    interview = begin(replace(toy, kpis=(replace(HARD.kpis[0], at_most=10.0),)), n_max=9)
+    met = {}
+    while (now := proceed(interview)).question is not None:
+        left, right = now.question.left, now.question.right
+        met |= {side.index: side.experiment.kpis["t_f"] <= 10.0 for side in (left, right)}
+        slower = left.experiment.kpis["t_f"] > right.experiment.kpis["t_f"]
+        interview.do(actions.Answer(now.question.id, Choice.LEFT if slower else Choice.RIGHT))
+    first = min(index for index, kept in met.items() if kept)
+    assert f"settling time: experiment {first + 1} misses none: to begin" in interview.known.outlook.missed
+
+
 @pytest.mark.parametrize(("limit", "stated"), [(np.inf, False), (2.0, True)])
 def test_a_loop_that_is_not_stable_is_called_so_and_misses_only_what_is_stated(limit, stated):
     margin = KPI("M_s", "M_s", better="lower", at_most=limit, margin=True)
