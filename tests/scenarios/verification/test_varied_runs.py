@@ -379,9 +379,9 @@ def test_between_which_values_an_output_starts_and_is_sent_is_said_in_its_unit()
     scenario = pid_scenario(plant, reference={"T": 10.0})
     told = {f.name: f.told for f in scenario.source.varied().factors}
     assert told["start"] == "usual, T from −5 to 5 °C"
-    assert (
-        told["size of the step"] == "usual, targets of T from −17 to 17 °C"
-    )  # 1.2 of the step, half a step off
+    # Each alone: what the text says holds whichever of the others somebody leaves out.
+    assert told["size of the step"] == "usual, alone: targets of T from 8 to 12 °C"
+    assert told["direction"] == "usual, alone: target of T at −10 °C"
 
 
 def test_what_not_even_the_nominal_run_reaches_stands_in_the_headline():
