@@ -316,7 +316,11 @@ class Verification:
             first = "" if count == len(self.failed) else "first "
             of = f"the same {count}" if count == len(self.runs) else f"the {first}{count} that fail"
             said = f"; at {self.stated}, {sum(not run.problems for run in self.as_stated)} of {of} do"
-        kept = [name for name, why in self.left_out if why == RANGE_0 or name in (*_OF_STEP, TURN)]
+        kept = [
+            f"{name}, which fails nominally" if why.startswith("turned,") else name
+            for name, why in self.left_out
+            if why == RANGE_0 or name in (*_OF_STEP, TURN)
+        ]
         return f"{said}; not varied: {', '.join(kept)}" if kept else said
 
     @property
