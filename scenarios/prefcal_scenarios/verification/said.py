@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.special import betainc
 
 from prefcal_env.controllers.margins import UNSTABLE
 from prefcal_env.disk import digest_of, write_durably
@@ -236,10 +237,8 @@ _ENOUGH = 10  # tunings that hold nominally, of which none that holds on other p
 
 def _next(found: Verification, scenario: Scenario, baseline: str, robust: bool) -> tuple[str, ...]:
     """Return what to do next if some run fails, or the loop is not stable, a text each."""
-    count, widen = len(found.runs), tuple(_widened(found))
-    other = replace(found, tuning=found.before) if found.before and found.before.holds(count) else None
-    sound = baseline and other and not other.misses_margin and other.tuning.margins != UNSTABLE
-    before = f"take the tuning before ({baseline}): it holds in all {count} of the same runs" if sound else ""
+    widen = tuple(_widened(found))
+    before = _before(found, scenario, baseline)
     if found.tuning.margins == UNSTABLE:
         limited = any(kpi.name == "M_s" and kpi.met(0.0) is not None for kpi in found.kpis)
         first = "begin elsewhere (--start)" if limited else "state a limit on M_s, such as at most 2,"
@@ -255,6 +254,39 @@ def _next(found: Verification, scenario: Scenario, baseline: str, robust: bool) 
         _another(found, scenario, robust) if scenario.simulated else "",
     )
     return (*filter(None, every), *found.advice)
+
+
+def _before(found: Verification, scenario: Scenario, baseline: str) -> str:
+    """Return that the tuning before is to be kept: it holds in all runs, or in more, beyond chance; or ""."""
+    if not baseline or found.before is None:
+        return ""
+    runs, name = found.before.runs, f"the tuning before ({baseline})"
+    if found.before.holds(len(found.runs)) and replace(found, tuning=found.before).sound:
+        return f"take {name}: it holds in all {len(runs)} of the same runs"
+    if not _better(found):
+        return ""
+    old, new = (sum(not run.problems for run in each[: len(runs)]) for each in (runs, found.runs))
+    start = shlex.join(["--start", typed_theta(scenario.space, found.before.theta.tolist())])
+    return (
+        f"{name} holds in {old - new} more of the same {len(runs)} runs ({old} instead of {new}): keep it, "
+        f"or start the next study from it, with {start}"
+    )
+
+
+def _better(found: Verification) -> bool:
+    """Return whether the tuning before holds on more of the same plants, beyond chance.
+
+    That is a sign test of the plants on which one holds and the other does not, at 5 %. A tuning that does
+    not keep nominally what the result keeps is none to go back to.
+    """
+    if (before := found.before) is None:
+        return False
+    other = replace(found, tuning=before)
+    if before.margins == UNSTABLE or (other.sound, found.sound) == (False, True):
+        return False
+    kept = [(not a.problems, not b.problems) for a, b in zip(before.runs, found.runs, strict=False)]
+    gained, lost = kept.count((True, False)), kept.count((False, True))
+    return gained > 0 and float(betainc(gained, lost + 1, 0.5)) <= 1 - CONFIDENCE
 
 
 def _widened(found: Verification) -> Iterator[str]:
@@ -306,7 +338,8 @@ def _another(found: Verification, scenario: Scenario, robust: bool) -> str:
 
 def _elsewhere(found: Verification, scenario: Scenario, hold: str) -> str:
     """Return how to look for a tuning that holds on other plants."""
-    start = shlex.join(["--robust", "--start", typed_theta(scenario.space, found.tuning.theta.tolist())])
+    best = found.before if found.before and _better(found) else found.tuning
+    start = shlex.join(["--robust", "--start", typed_theta(scenario.space, best.theta.tolist())])
     return (
         f"look for one that holds on other plants{hold}: repeat the command of the study with {start}; "
         "with --taste and the name of a saved study, your answers count there"
