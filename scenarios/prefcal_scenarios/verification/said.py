@@ -4,14 +4,15 @@ import json
 import shlex
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
 from scipy.special import betainc
 
-from prefcal_env.controllers.margins import UNSTABLE
+from prefcal_env.controllers.margins import UNSTABLE, Margins
 from prefcal_env.disk import digest_of, write_durably
-from prefcal_env.envs.varied_loop import STEPPED
+from prefcal_env.envs.varied_loop import DELAY, LAG, STEPPED
 from prefcal_env.errors import ScenarioError
 from prefcal_env.plain import from_plain, to_plain
 from prefcal_env.sources.varied import Factor, LeftOut
@@ -28,16 +29,8 @@ from prefcal_scenarios.wording import (
     with_unit,
 )
 
-from .result import (
-    CONFIDENCE,
-    Effect,
-    Robustness,
-    Verification,
-    VerifiedRun,
-    breakable,
-    margins_said,
-    most_probable,
-)
+from .loop_margins import margins_said
+from .result import CONFIDENCE, Effect, Robustness, Verification, VerifiedRun, breakable, most_probable
 
 # --- What a verification leaves beside its best.json, as plain data for people and programs.
 
@@ -171,7 +164,9 @@ class Verified:
         shown = max(_SHOWN, min(len(self.breaking), _MOST))
         more = self.breaking[shown:]
         others = f"{len(more)} more lose a limit alone: {', '.join(more)}"
-        return (*self.effects[:shown], *([others] if more else []))
+        none = self.misses and self.effects and not self.breaking
+        first = ["no factor alone loses a limit that the nominal run keeps"] if none else []
+        return (*first, *self.effects[:shown], *([others] if more else []))
 
     @property
     def verdict(self) -> str:
@@ -328,12 +323,25 @@ def _another(found: Verification, scenario: Scenario, robust: bool) -> str:
         tighter = "start one with tighter limits, or " if breakable(found.kpis) else ""
         only = f"the study was robust, which varies the plant and the noise only: {tighter}{change}"
         first = only if change else ""
-    elif lost and not any(factor.robust for factor in lost):
-        names = " and ".join(factor.name for factor in lost[:_SHOWN])
-        first = f"{due}{names} alone can break it, which no robust study varies"
+    elif most := [*takewhile(lambda factor: not factor.robust, lost)][:_SHOWN]:
+        names = " and ".join(f"{factor.name}{_delayed(found, factor)}" for factor in most)
+        breaks = "each alone break" if len(most) > 1 else "alone breaks"
+        first = f"{due}{names} {breaks} it most, which no robust study varies"
     else:
         first = _elsewhere(found, scenario, f" ({drawn} hold nominally)" if drawn else "")
     return first
+
+
+def _delayed(found: Verification, factor: Factor) -> str:
+    """Return the delay margin beside what delays the loop, in parentheses; "" of what does not."""
+    own = found.tuning.margins
+    delays = [m.delay for m in (own, getattr(own, "target", None)) if isinstance(m, Margins)]
+    least = min(delays, default=np.inf)
+    if factor.name not in (LAG, DELAY) or not np.isfinite(least):
+        return ""
+    more = quantity(float(f"{factor.high - factor.nominal:.3g}"), factor.unit)
+    words = "it lags by up to" if factor.name == LAG else "it is longer by up to"
+    return f" (delay margin {quantity(float(f'{least:.3g}'), found.tuning.time_unit)}, {words} {more})"
 
 
 def _elsewhere(found: Verification, scenario: Scenario, hold: str) -> str:
@@ -373,7 +381,7 @@ def _effect(each: Effect, found: Verification) -> str:
     if len(ends) > 1:
         return f"{f.name} ({_range(f)}): at either end, no input can hold the plant"
     if np.isinf(each.worsening):
-        return f"{name}: {found.words(each.run)}"
+        return f"{name}: {found.words(each.run)}{_delayed(found, f)}"
     kpi = next((kpi for kpi in found.kpis if kpi.title == each.kpi), None)
     if kpi is None:
         return f"{name}: no KPI gets worse"

@@ -22,7 +22,8 @@ from prefcal_scenarios.isolated import DEFAULT_LIMIT
 from prefcal_scenarios.runs import FailedRun, HasKPIs, Progress, simulate_iter, simulate_many
 from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
 
-from .result import RANGE_0, UNKNOWN, Others, Robustness, Verification, VerifiedRun, margins_at, problems_of
+from .loop_margins import UNKNOWN, margins_at
+from .result import RANGE_0, Others, Robustness, Verification, VerifiedRun, problems_of
 
 # --- The perturbed runs of a candidate in a robust study: which there are, and how many keep the limits.
 

@@ -11,6 +11,7 @@ from scipy.special import betaincinv
 from prefcal_env import Channel, Experiment, Knob, KnobSpace, Plant, recorded
 from prefcal_env.controllers.margins import UNSTABLE, Margins
 from prefcal_env.envs.varied_loop import DIRECTION, LOAD, NOISE, REFERENCE, SHIFT
+from prefcal_env.envs.varied_loop import LAG as LAG_OF
 from prefcal_env.errors import KnobError, ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import End
 from prefcal_env.sources.source import Source, Varied
@@ -242,6 +243,64 @@ def test_a_tuning_before_that_holds_on_more_of_the_same_plants_is_kept_only_beyo
     )
 
 
+class Lagging(Source):
+    """A loop that gets heavier with its mass, late with a lag of its actuators, and never ends with much."""
+
+    def __init__(self, values=None):
+        self.values = values or {}
+
+    def run(self, theta, seed=0):
+        lag = self.values.get(LAG_OF, 0.0)
+        late = np.inf if lag > 0.18 else 1.0 + lag
+        made = run(theta, seed, self.values.get("mass", 1.0))
+        return made.with_kpis({**made.kpis, "late": late})
+
+    def varied(self):
+        lag = Factor(LAG_OF, "actuator", 0.0, 0.0, 0.2, "min")
+        return Varied((Factor.around("mass", "parameter", 0.1), lag), (), Lagging)
+
+
+def test_what_breaks_a_tuning_most_comes_first_and_what_is_advised_goes_by_it():
+    kpis = (KPI("weight", "weight", at_most=2.1), KPI("late", "lateness", "min", at_most=1.1))
+    scenario = Scenario("lagging", "Lagging", SPACE, Lagging(), kpis=kpis, simulated=True)
+    found = verify(scenario, THETA, 100, jobs=1)
+    assert [e.factor.name for e in found.breaking] == [LAG_OF, "mass"]
+    close = Margins(2.0, 0.0, 45.0, 0.059, 1.6, 0.8, 0.0)
+    found = replace(found, tuning=replace(found.tuning, margins=close, time_unit="min"))
+    said = Verified.of(replace(found, others=None), scenario, "", "1.0", "")
+    link = "(delay margin 0.059 min, it lags by up to 0.2 min)"
+    assert said.advice[0] == (
+        f"change the controller or relax the limit: lag of the actuators {link} alone breaks it most, which "
+        "no robust study varies"
+    )
+    assert said.effects[0] == (
+        f"lag of the actuators (0 to 0.2 min): lateness never, required ≤ 1.1 min {link}"
+    )
+    # The first pictures are of the runs whose values stand there as the worst.
+    heaviest, latest = (max(each.kpis[kpi.name] for each in found.runs) for kpi in kpis)
+    first, second, third = found.worst()
+    assert {heaviest, latest} <= {each.kpis[kpi.name] for each in (first, second) for kpi in kpis}
+    assert third.problems
+
+
+def test_the_worst_run_is_the_one_farthest_beyond_the_limit():
+    found = verify(SPRING, THETA, 50, jobs=1)
+    weights = sorted((each.kpis["weight"] for each in found.runs), reverse=True)
+    assert [each.kpis["weight"] for each in found.worst()] == weights[:3]
+    assert found.misses[0].startswith(f"weight {weights[0]:.3g} at worst, required ≤ 2.1")
+
+
+def test_a_relaxed_limit_does_not_mend_a_margin_that_is_missed():
+    found = verify(SPRING, THETA, 100, jobs=1)
+    M_s = KPI("M_s", "maximum sensitivity M_s", at_most=2.0, margin=True)
+    nominal = replace(found.tuning.nominal, kpis={**found.tuning.nominal.kpis, "M_s": 2.5})
+    close = replace(found, kpis=(*found.kpis, M_s), tuning=replace(found.tuning, nominal=nominal))
+    assert ["runs hold; the stated margin is missed all the same; as" in text for text in close.advice] == [
+        True
+    ]
+    assert ["is missed" in text for text in found.advice] == [False]
+
+
 class Tracking(Source):
     """A loop whose weight is the target over the mass."""
 
@@ -279,7 +338,7 @@ def test_runs_that_fail_at_targets_that_nobody_stated_are_counted_apart():
         assert not any("look for one that holds on other plants" in each for each in said)
         assert (
             any(
-                each.endswith("size of the step alone can break it, which no robust study varies")
+                each.endswith("size of the step alone breaks it most, which no robust study varies")
                 for each in said
             )
             is not holds
@@ -771,9 +830,13 @@ def test_a_run_that_raises_fails_and_says_why():
     assert any("too heavy" in problem for each in found.failed for problem in each.problems)
 
 
-def test_without_a_good_run_there_is_no_bound():
+def test_without_a_good_run_there_is_no_bound_above_but_one_below():
     found = verify(replace(SPRING, kpis=(KPI("weight", "weight", at_most=0.1),)), THETA, 3, jobs=1)
-    assert found.statement == "0 of 3 runs keep the stated limits."
+    assert found.bound == 1.0
+    assert found.statement == (
+        "0 of 3 runs keep the stated limits: for plants within these ranges, 100 % do not, at least 36 % "
+        "with 95 % confidence."
+    )  # 0.05 to the power of 1/3 is 0.368
     assert found.headline == "Does not hold: 0 of 3 runs keep the stated limits."
 
 
@@ -886,7 +949,9 @@ def test_what_breaks_a_tuning_is_shown_up_to_six_and_then_named():
     eight = replace(said, effects=tuple("abcdefgh"), breaking=tuple("abcdefg"))
     assert eight.hurting == (*"abcdef", "1 more lose a limit alone: g")
     assert replace(eight, breaking=tuple("abcde")).hurting == tuple("abcde")
-    assert replace(eight, breaking=()).hurting == tuple("abcd")
+    none = "no factor alone loses a limit that the nominal run keeps"
+    assert replace(eight, breaking=()).hurting == (none, *"abcd")
+    assert replace(eight, breaking=(), misses=()).hurting == tuple("abcd")
 
 
 def test_no_limit_is_relaxed_for_what_can_as_well_be_chance():

@@ -34,7 +34,8 @@ from prefcal_scenarios.described.lqr_scenario import lqr_scenario
 from prefcal_scenarios.described.pid_scenario import pid_scenario
 from prefcal_scenarios.names import CLOSED_LOOPS
 from prefcal_scenarios.verification import verify
-from prefcal_scenarios.verification.result import VerifiedRun, margins_at, margins_said
+from prefcal_scenarios.verification.loop_margins import margins_at, margins_said
+from prefcal_scenarios.verification.result import VerifiedRun
 from prefcal_scenarios.verification.said import BEST, FILE, Verified, WorstRun
 from prefcal_scenarios.verification.varied_runs import Perturbed, runs_kept
 from prefcal_scenarios.wording import measured
