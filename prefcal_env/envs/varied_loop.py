@@ -477,31 +477,35 @@ class VariedLoop:
 
     def _steps(self) -> Iterator[Factor]:
         """Yield what varies of the step."""
-        moves, (starts, targets) = self.moves, self._places
+        moves, (starts, targets, turned) = self.moves, self._places
         size = -moves.smaller, moves.larger
         steps = (
             replace(Factor.around(REFERENCE, "task", size, possible=(LEAST, np.inf)), told=targets),
             Factor(SHIFT, "task", 0.0, -moves.back, moves.ahead, "of the step", told=starts),
-            Factor(DIRECTION, "task", 1.0, -1.0, 1.0, ends=True),
+            Factor(DIRECTION, "task", 1.0, -1.0, 1.0, ends=True, told=turned),
         )
         yield from (factor for factor in steps if factor.name in moves.names)
 
     @property
-    def _places(self) -> tuple[str, str]:
-        """Return in words between which values the first output starts, and between which its targets are."""
+    def _places(self) -> tuple[str, str, str]:
+        """Return in words where the first output starts and is sent by start, size and direction, each alone.
+
+        Alone, since whoever verifies may leave out the others.
+        """
         k, moves = tracked_of(self.task)[0], self.moves
         y, start = self.plant.outputs[k], float(self.start[k])
         first, last = (self.task.reference(t)[k] - start for t in (0.0, self.task.horizon))
-        shifts = -moves.back * first, moves.ahead * first
-        sizes = [1 - moves.smaller, 1 + moves.larger]
-        sent = [size * last for size in (*sizes, *(-size for size in sizes if moves.turned))]
 
         def between(*ends: float) -> str:
             return f"{_in(min(ends), replace(y, unit=''))} to {_in(max(ends), y)}"
 
-        starts = between(*(start + shift for shift in shifts))
-        targets = between(*(start + shift + each for shift in shifts for each in sent))
-        return f"usual, {y.name} from {starts}", f"usual, targets of {y.name} from {targets}"
+        starts = between(*(start + shift * first for shift in (-moves.back, moves.ahead)))
+        targets = between(*(start + size * last for size in (1 - moves.smaller, 1 + moves.larger)))
+        return (
+            f"usual, {y.name} from {starts}",
+            f"usual, alone: targets of {y.name} from {targets}",
+            f"usual, alone: target of {y.name} at {_in(start - last, y)}",
+        )
 
     def _later(self, values: Values) -> float:
         """Return the factor of all dead times."""

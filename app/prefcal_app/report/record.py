@@ -34,7 +34,7 @@ from prefcal_env.study import StudyFile, space_of, study_path, to_text
 from prefcal_env.wording import in_words, locate
 from prefcal_scenarios.runs import WORST, grouped
 from prefcal_scenarios.scenario import KPI, Scenario
-from prefcal_scenarios.verification.result import UNKNOWN, margins_at
+from prefcal_scenarios.verification.loop_margins import UNKNOWN, margins_at
 from prefcal_scenarios.wording import (
     MISSING,
     ended_text,

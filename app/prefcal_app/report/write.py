@@ -37,7 +37,8 @@ from prefcal_scenarios.runs import Progress
 from prefcal_scenarios.scenario import KPI, Picture, Scenario, finds_kpis, with_found_kpis
 from prefcal_scenarios.style import WIDTH, png, style
 from prefcal_scenarios.verification import Verification, verify
-from prefcal_scenarios.verification.result import VerifiedRun, margins_said
+from prefcal_scenarios.verification.loop_margins import margins_said
+from prefcal_scenarios.verification.result import VerifiedRun
 from prefcal_scenarios.verification.said import BEST, NOT_VARIED, REFUSED, USUAL, VARIED, Verified, WorstRun
 from prefcal_scenarios.verification.said import FILE as VERIFICATION
 from prefcal_scenarios.verification.varied_runs import RUNS, replays, unvaried

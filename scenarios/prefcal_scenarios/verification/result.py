@@ -1,6 +1,6 @@
 """What came of a verification: frozen data, and what follows from it."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -8,8 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import betaincinv
 
-from prefcal_env.controllers.margins import UNCONSTRAINED, UNSTABLE, Margins, margins, margins_at_target
-from prefcal_env.envs.task import Task
+from prefcal_env.controllers.margins import UNSTABLE, Margins
 from prefcal_env.envs.varied_loop import (
     AHEAD,
     BACK,
@@ -22,17 +21,13 @@ from prefcal_env.envs.varied_loop import (
     SHIFT,
     STEP,
     TURN,
-    at_target,
 )
 from prefcal_env.experiments.experiment import Channel, End
-from prefcal_env.plants.plant import Plant
-from prefcal_env.sources.source import Varied
 from prefcal_env.sources.varied import PLACES, Factor, LeftOut, Unheld
 from prefcal_scenarios.runs import HasKPIs
 from prefcal_scenarios.scenario import KPI
 from prefcal_scenarios.wording import (
     comparable,
-    labeled,
     limits_text,
     number,
     objective,
@@ -41,6 +36,8 @@ from prefcal_scenarios.wording import (
     read_text,
     with_unit,
 )
+
+from .loop_margins import USUAL, kept_margin, usual_margins
 
 # --- What came of a verification, as frozen data, and what follows from it.
 
@@ -87,109 +84,6 @@ class Robustness:
         values = [float(run.kpis[kpi]) for run in self.runs if kpi in run.kpis]
         low, high = np.quantile(values or [np.nan], (0.05, 0.95), method="nearest").tolist()
         return low, high
-
-
-UNKNOWN = "no margins: the plant is not known as equations, so it cannot be linearized"
-
-
-def margins_at(known: Varied, theta: Float[np.ndarray, " n"]) -> Margins | str:
-    """Return the margins of a physical θ, shape (n,), where the study starts, or why there are none.
-
-    Those of a plant that is not linear say where that is, and hold the margins at the target, too.
-    """
-    if (loop := known.loop) is None:
-        return UNKNOWN
-    make = partial(loop.controller, theta)
-    try:
-        start = margins(loop.plant, loop.task, make)
-    except Exception as error:  # people's own plants and controllers can raise anything
-        return f"no margins: {error}"
-    target = at_target(loop.plant, loop.task)
-    there = margins_at_target(loop.plant, target, make)
-    # The same to the last printed digit: the plant is linear, or did not move.
-    if target is None or there is None or _by_kpi(there) == _by_kpi(start):
-        return start
-    there = replace(there, place=_place(loop.plant, target))
-    return replace(start, place=_place(loop.plant, loop.task), target=there)
-
-
-def _place(plant: Plant, task: Task) -> str:
-    """Return where a task starts, in words."""
-    y = plant.g(task.x0, task.u0, task.disturbance(0.0))
-    channels = *plant.outputs, *plant.inputs
-    return ", ".join(f"{c.name} {quantity(v, c.unit)}" for c, v in zip(channels, [*y, *task.u0], strict=True))
-
-
-def _by_kpi(m: Margins) -> dict[str, float]:
-    """Return margins by the names of the KPIs that they are, rounded as they are printed."""
-    return {
-        "M_s": _sensitivity(m),
-        "gain_margin": min(_decibels(min(m.gain, 1 / max(m.gain_reduction, 1e-9))), 60.0),
-        "phase_margin": _phase(m),
-        "delay_margin": float(f"{m.delay:.3g}"),
-        "disk_margin": _disk(m),
-    }
-
-
-def margins_said(found: Sequence[Margins | str], time_unit: str) -> tuple[tuple[tuple[str, ...], ...], str]:
-    """Return `margins` and `basis` of `Verified`, given margins of the tuning and perhaps of the baseline."""
-    first = found[0]
-    if isinstance(first, str):
-        return (), first
-    stable = "; this loop is NOT STABLE" if first == UNSTABLE else ""
-    there = ""
-    if (moved := next((m for m in found if isinstance(m, Margins) and m.target), None)) is not None:
-        assert moved.target is not None
-        there = f": its start is {moved.place}, its target {moved.target.place}"
-    return tuple(_margin_rows(found, time_unit)), f"margins of {UNCONSTRAINED}{stable}{there}"
-
-
-def _margin_rows(found: Sequence[Margins | str], time_unit: str) -> Iterator[tuple[str, ...]]:
-    """Yield a row for each margin; a gain margin has a second number if the gain must not fall by more.
-
-    They are rounded as the KPIs are that have limits: what is printed is what a limit is compared with.
-    Of a plant that is another one at its target, each has two rows.
-    """
-    moved = any(isinstance(m, Margins) and m.target for m in found)
-    for name, unit, read in (
-        ("gain margin", "dB", _gain_margin),
-        ("phase margin", "°", lambda m: number(_phase(m))),
-        ("delay margin", time_unit, lambda m: number(m.delay)),
-        ("maximum sensitivity M_s", "", lambda m: number(_sensitivity(m))),
-        ("disk margin", "", lambda m: number(_disk(m))),
-    ):
-        for place in ("start", "target") if moved else ("",):
-            there = (m.target or m if isinstance(m, Margins) and place == "target" else m for m in found)
-            cells = (_margin(m, read) for m in there)
-            yield labeled(f"{name} at the {place}" if place else name, unit), *cells
-
-
-def _margin(m: Margins | str, read: Callable[[Margins], str]) -> str:
-    """Return what is read of margins as text; an unstable loop has none."""
-    if isinstance(m, str):
-        return number(None)
-    return "✗ unstable" if m == UNSTABLE else read(m)
-
-
-def _gain_margin(m: Margins) -> str:
-    down = f", {number(_decibels(m.gain_reduction))}" if 0 < m.gain_reduction < 1 else ""
-    return number(_decibels(m.gain)) + down
-
-
-def _decibels(factor: float) -> float:
-    return round(float(20 * np.log10(factor)), 2)
-
-
-def _phase(m: Margins) -> float:
-    return round(m.phase, 1)
-
-
-def _sensitivity(m: Margins) -> float:
-    return round(m.M_s, 2)
-
-
-def _disk(m: Margins) -> float:
-    return round(m.disk, 3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -316,7 +210,11 @@ class Verification:
             first = "" if count == len(self.failed) else "first "
             of = f"the same {count}" if count == len(self.runs) else f"the {first}{count} that fail"
             said = f"; at {self.stated}, {sum(not run.problems for run in self.as_stated)} of {of} do"
-        kept = [name for name, why in self.left_out if why == RANGE_0 or name in (*_OF_STEP, TURN)]
+        kept = [
+            f"{name}, which fails nominally" if why.startswith("turned,") else name
+            for name, why in self.left_out
+            if why == RANGE_0 or name in (*_OF_STEP, TURN)
+        ]
         return f"{said}; not varied: {', '.join(kept)}" if kept else said
 
     @property
@@ -367,8 +265,7 @@ class Verification:
 
     def words(self, run: VerifiedRun) -> str:
         """Return what a run misses, with its values and the limits, or that it holds."""
-        by_title = {_miss_words(kpi): kpi for kpi in self.kpis}
-        said = (self._missed(by_title[p], run) if p in by_title else p for p in run.problems)
+        said = (self._missed(kpi, run) if (kpi := self._kpi_of(p)) else p for p in run.problems)
         return "; ".join(said) or "holds"
 
     def _missed(self, kpi: KPI, run: VerifiedRun, worst: str = "") -> str:
@@ -384,16 +281,31 @@ class Verification:
     @property
     def misses(self) -> tuple[str, ...]:
         """Return each limit that some random run misses, with the worst value and the number of runs."""
-        found, count = list[str](), len(self.runs)
-        by_title = {_miss_words(kpi): kpi for kpi in self.kpis}
-        for problem in dict.fromkeys(p for run in self.failed for p in run.problems):
-            runs = [run for run in self.failed if problem in run.problems]
-            said, kpi = problem, by_title.get(problem)
-            if kpi is not None:
-                farthest = max(runs, key=partial(_excess, kpi))
-                said = self._missed(kpi, farthest, " at worst" if len(runs) > 1 else "")
-            found.append(f"{said}: in {len(runs)} of {count} runs")
+        found = list[str]()
+        for problem, runs in self._missing.items():
+            kpi, worst = self._kpi_of(problem), " at worst" if len(runs) > 1 else ""
+            said = self._missed(kpi, runs[0], worst) if kpi else problem
+            found.append(f"{said}: in {len(runs)} of {len(self.runs)} runs")
         return tuple(found)
+
+    @property
+    def _missing(self) -> dict[str, list[VerifiedRun]]:
+        """Return the random runs with each problem, the one that is farthest beyond its limit first."""
+        found: dict[str, list[VerifiedRun]] = {}
+        for run in self.failed:
+            for problem in run.problems:
+                found.setdefault(problem, []).append(run)
+        for problem, runs in found.items():
+            runs.sort(key=partial(_excess, self._kpi_of(problem)), reverse=True)
+        return found
+
+    def _kpi_of(self, problem: str) -> KPI | None:
+        """Return the KPI whose limit a problem is about; None if it is no limit."""
+        return next((kpi for kpi in self.kpis if _miss_words(kpi) == problem), None)
+
+    def _beyond(self, run: VerifiedRun) -> float:
+        """Return by how much a run misses what it misses by most, as a share of the limit."""
+        return max((_excess(self._kpi_of(problem), run) for problem in run.problems), default=0.0)
 
     @property
     def _quiet(self) -> str:
@@ -420,8 +332,6 @@ class Verification:
         done = count + len(self.unheld)
         early = "" if done == self.planned else f" (stopped early, {self.planned} were planned)"
         which = "these ranges that an input can hold" if self.unheld else "these ranges"
-        if len(self.failed) == count:
-            return f"0 of {count} runs {self.asked}{early}.{never}"
         if 2 * len(self.failed) > count:  # a bound near 100 % says nothing
             least = np.floor(100 * (1 - most_probable(count - len(self.failed), count)))
             return (
@@ -483,10 +393,10 @@ class Verification:
         if target == UNSTABLE:
             there = " At its target, it is NOT STABLE."
         else:  # what is stated is judged by a KPI, which is the worse of start and target
-            there = f" At its target, it {_usual_margins(target)}." if target and not said else ""
+            there = f" At its target, it {usual_margins(target)}." if target and not said else ""
         if said or isinstance(found, str):
             return f"Margins of the nominal loop: {said}.{there}" if said else ""
-        usual, has = ", ".join(words for words, *_ in _USUAL), f"{_usual_margins(found)}."
+        usual, has = ", ".join(words for words, *_ in USUAL), f"{usual_margins(found)}."
         if there.endswith(f"it {has}"):
             has, there = f"{has[:-1]}, also at its target.", ""
         return f"No limit on a margin is stated. Usual are {usual}: the nominal loop {has}{there}"
@@ -495,7 +405,7 @@ class Verification:
         """Return whether the KPIs that are margins keep the limits that are stated; "" without any."""
         values = self.tuning.nominal.kpis
         stated = [kpi for kpi in self.kpis if kpi.margin and kpi.met(0.0) is not None and kpi.name in values]
-        return "; ".join(_kept_margin(kpi, kpi.read(values[kpi.name])) for kpi in stated)
+        return "; ".join(kept_margin(kpi, kpi.read(values[kpi.name])) for kpi in stated)
 
     @property
     def limiting(self) -> str:
@@ -536,10 +446,11 @@ class Verification:
             what = "limits together"
             new = ", ".join(f"{kpi.title} {words}" for kpi, words in zip(kpis, limits, strict=True))
         # The limit is as these runs ask for: no proof that others keep it.
+        still = "; the stated margin is missed all the same" if self.misses_margin else ""
         return (
             held,
-            f"relax the {what}: with {new}, {held} of these {count} runs hold; as that fits these plants, "
-            f"verify it on other ones, with --seed {self.seed + 1}",
+            f"relax the {what}: with {new}, {held} of these {count} runs hold{still}; as that fits these "
+            f"plants, verify it on other ones, with --seed {self.seed + 1}",
         )
 
     def _near(self, kpi: KPI, value: float) -> bool:
@@ -566,14 +477,14 @@ class Verification:
     def effects(self) -> tuple[Effect, ...]:
         """Return what each factor does alone, the one that hurts most first.
 
-        First who loses a limit, then who doubles a KPI: what does so often, as noise does, makes wide
-        the range of which `worsening` is a share.
+        First who loses a limit, by how far, then who doubles a KPI: what does so often, as noise does, makes
+        wide the range of which `worsening` is a share.
         """
         pairs = zip(self.factors, self.alone[::2], self.alone[1::2], strict=False)
         both = [[*self._ends(factor, runs)] for factor, *runs in pairs]
 
-        def badness(effect: Effect) -> tuple[bool, bool, float, int]:
-            lost = bool(np.isinf(effect.worsening))
+        def badness(effect: Effect) -> tuple[float, bool, float, int]:
+            lost = self._beyond(effect.run) if np.isinf(effect.worsening) else -1.0
             return lost, effect.doubled, effect.worsening, len(effect.run.problems)
 
         return tuple(sorted((max(pair, key=badness) for pair in both), key=badness, reverse=True))
@@ -584,11 +495,13 @@ class Verification:
         return tuple(each for each in self.effects if np.isinf(each.worsening))[:_TRIED]
 
     def worst(self, count: int = 3) -> tuple[VerifiedRun, ...]:
-        """Return the worst random runs: by limits that they lose, then by their worst KPI."""
+        """Return the worst random runs: those farthest beyond each limit, then by how many they lose."""
+        farthest = [runs[0] for runs in self._missing.values()]
 
-        def badness(run: VerifiedRun) -> tuple[bool, int, float]:
-            shares = [share for share, *_ in self._worse(run)]
-            return run.end.interrupted, len(run.problems), max(shares, default=0.0)
+        def badness(run: VerifiedRun) -> tuple[bool, bool, int, float, float]:
+            first = any(run is each for each in farthest)
+            worse = max((share for share, *_ in self._worse(run)), default=0.0)
+            return first, run.end.interrupted, len(run.problems), self._beyond(run), worse
 
         return tuple(sorted(self.runs, key=badness, reverse=True)[:count])
 
@@ -631,10 +544,13 @@ def _between(channel: Channel) -> str:
     return f"{number(channel.low)} to {quantity(channel.high, channel.unit)}"
 
 
-def _excess(kpi: KPI, run: VerifiedRun) -> float:
-    """Return by how much a run misses a limit of a KPI."""
+def _excess(kpi: KPI | None, run: VerifiedRun) -> float:
+    """Return by how much a run misses a limit, as a share of it; infinite if it is no limit of a KPI."""
+    if kpi is None:
+        return np.inf
     value = run.kpis[kpi.name]
-    return max(value - kpi.at_most, kpi.at_least - value)
+    limit = kpi.at_most if value > kpi.at_most else kpi.at_least
+    return float(abs(value - limit) / (abs(limit) or 1.0))
 
 
 def breakable(kpis: Iterable[KPI]) -> list[KPI]:
@@ -671,31 +587,6 @@ def _tightest(kpi: KPI, runs: Sequence[VerifiedRun]) -> str:
 
 def _miss_words(kpi: KPI) -> str:
     return f"{kpi.title} misses its objective"
-
-
-_USUAL = (
-    ("M_s ≤ 2", "M_s", -2.0),
-    ("gain ≥ 6 dB", "gain_margin", 6.0),
-    ("phase ≥ 30°", "phase_margin", 30.0),
-)
-"""Limits of margins that are usual, in words, with the KPI; a negative one is the largest value."""
-
-
-def _usual_margins(m: Margins) -> str:
-    """Return which of the usual limits a loop misses, in words after its name."""
-    values = _by_kpi(m)
-    missed = [words for words, name, least in _USUAL if values[name] * np.sign(least) < least]
-    return f"does not have {' or '.join(missed)}" if missed else "has them all"
-
-
-def _kept_margin(kpi: KPI, value: float) -> str:
-    """Return whether a margin keeps its limit, and whether a tenth is left of that, in words."""
-    aim = kpi.aim
-    room = aim is None or (value >= aim if kpi.goal == "higher" else value <= aim)
-    verdict = (
-        "NOT kept" if not kpi.met(value) else "kept" if room else "kept, with less than a tenth to spare"
-    )
-    return f"{kpi.title} {quantity(value, kpi.unit)}, required {limits_text(kpi)}: {verdict}"
 
 
 def most_probable(failed: int, count: int) -> float:

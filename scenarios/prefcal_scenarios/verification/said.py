@@ -4,13 +4,15 @@ import json
 import shlex
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
+from scipy.special import betainc
 
-from prefcal_env.controllers.margins import UNSTABLE
+from prefcal_env.controllers.margins import UNSTABLE, Margins
 from prefcal_env.disk import digest_of, write_durably
-from prefcal_env.envs.varied_loop import STEPPED
+from prefcal_env.envs.varied_loop import DELAY, LAG, STEPPED
 from prefcal_env.errors import ScenarioError
 from prefcal_env.plain import from_plain, to_plain
 from prefcal_env.sources.varied import Factor, LeftOut
@@ -27,16 +29,8 @@ from prefcal_scenarios.wording import (
     with_unit,
 )
 
-from .result import (
-    CONFIDENCE,
-    Effect,
-    Robustness,
-    Verification,
-    VerifiedRun,
-    breakable,
-    margins_said,
-    most_probable,
-)
+from .loop_margins import margins_said
+from .result import CONFIDENCE, Effect, Robustness, Verification, VerifiedRun, breakable, most_probable
 
 # --- What a verification leaves beside its best.json, as plain data for people and programs.
 
@@ -177,7 +171,9 @@ class Verified:
         shown = max(_SHOWN, min(len(self.breaking), _MOST))
         more = self.breaking[shown:]
         others = f"{len(more)} more lose a limit alone: {', '.join(more)}"
-        return (*self.effects[:shown], *([others] if more else []))
+        none = self.misses and self.effects and not self.breaking
+        first = ["no factor alone loses a limit that the nominal run keeps"] if none else []
+        return (*first, *self.effects[:shown], *([others] if more else []))
 
     @property
     def verdict(self) -> str:
@@ -243,10 +239,8 @@ _ENOUGH = 10  # tunings that hold nominally, of which none that holds on other p
 
 def _next(found: Verification, scenario: Scenario, baseline: str, robust: bool) -> tuple[str, ...]:
     """Return what to do next if some run fails, or the loop is not stable, a text each."""
-    count, widen = len(found.runs), tuple(_widened(found))
-    other = replace(found, tuning=found.before) if found.before and found.before.holds(count) else None
-    sound = baseline and other and not other.misses_margin and other.tuning.margins != UNSTABLE
-    before = f"take the tuning before ({baseline}): it holds in all {count} of the same runs" if sound else ""
+    widen = tuple(_widened(found))
+    before = _before(found, scenario, baseline)
     if found.tuning.margins == UNSTABLE:
         limited = any(kpi.name == "M_s" and kpi.met(0.0) is not None for kpi in found.kpis)
         first = "begin elsewhere (--start)" if limited else "state a limit on M_s, such as at most 2,"
@@ -262,6 +256,39 @@ def _next(found: Verification, scenario: Scenario, baseline: str, robust: bool) 
         _another(found, scenario, robust) if scenario.simulated else "",
     )
     return (*filter(None, every), *found.advice)
+
+
+def _before(found: Verification, scenario: Scenario, baseline: str) -> str:
+    """Return that the tuning before is to be kept: it holds in all runs, or in more, beyond chance; or ""."""
+    if not baseline or found.before is None:
+        return ""
+    runs, name = found.before.runs, f"the tuning before ({baseline})"
+    if found.before.holds(len(found.runs)) and replace(found, tuning=found.before).sound:
+        return f"take {name}: it holds in all {len(runs)} of the same runs"
+    if not _better(found):
+        return ""
+    old, new = (sum(not run.problems for run in each[: len(runs)]) for each in (runs, found.runs))
+    start = shlex.join(["--start", typed_theta(scenario.space, found.before.theta.tolist())])
+    return (
+        f"{name} holds in {old - new} more of the same {len(runs)} runs ({old} instead of {new}): keep it, "
+        f"or start the next study from it, with {start}"
+    )
+
+
+def _better(found: Verification) -> bool:
+    """Return whether the tuning before holds on more of the same plants, beyond chance.
+
+    That is a sign test of the plants on which one holds and the other does not, at 5 %. A tuning that does
+    not keep nominally what the result keeps is none to go back to.
+    """
+    if (before := found.before) is None:
+        return False
+    other = replace(found, tuning=before)
+    if before.margins == UNSTABLE or (other.sound, found.sound) == (False, True):
+        return False
+    kept = [(not a.problems, not b.problems) for a, b in zip(before.runs, found.runs, strict=False)]
+    gained, lost = kept.count((True, False)), kept.count((False, True))
+    return gained > 0 and float(betainc(gained, lost + 1, 0.5)) <= 1 - CONFIDENCE
 
 
 def _widened(found: Verification) -> Iterator[str]:
@@ -303,17 +330,31 @@ def _another(found: Verification, scenario: Scenario, robust: bool) -> str:
         tighter = "start one with tighter limits, or " if breakable(found.kpis) else ""
         only = f"the study was robust, which varies the plant and the noise only: {tighter}{change}"
         first = only if change else ""
-    elif lost and not any(factor.robust for factor in lost):
-        names = " and ".join(factor.name for factor in lost[:_SHOWN])
-        first = f"{due}{names} alone can break it, which no robust study varies"
+    elif most := [*takewhile(lambda factor: not factor.robust, lost)][:_SHOWN]:
+        names = " and ".join(f"{factor.name}{_delayed(found, factor)}" for factor in most)
+        breaks = "each alone break" if len(most) > 1 else "alone breaks"
+        first = f"{due}{names} {breaks} it most, which no robust study varies"
     else:
         first = _elsewhere(found, scenario, f" ({drawn} hold nominally)" if drawn else "")
     return first
 
 
+def _delayed(found: Verification, factor: Factor) -> str:
+    """Return the delay margin beside what delays the loop, in parentheses; "" of what does not."""
+    own = found.tuning.margins
+    delays = [m.delay for m in (own, getattr(own, "target", None)) if isinstance(m, Margins)]
+    least = min(delays, default=np.inf)
+    if factor.name not in (LAG, DELAY) or not np.isfinite(least):
+        return ""
+    more = quantity(float(f"{factor.high - factor.nominal:.3g}"), factor.unit)
+    words = "it lags by up to" if factor.name == LAG else "it is longer by up to"
+    return f" (delay margin {quantity(float(f'{least:.3g}'), found.tuning.time_unit)}, {words} {more})"
+
+
 def _elsewhere(found: Verification, scenario: Scenario, hold: str) -> str:
     """Return how to look for a tuning that holds on other plants."""
-    start = shlex.join(["--robust", "--start", typed_theta(scenario.space, found.tuning.theta.tolist())])
+    best = found.before if found.before and _better(found) else found.tuning
+    start = shlex.join(["--robust", "--start", typed_theta(scenario.space, best.theta.tolist())])
     return (
         f"look for one that holds on other plants{hold}: repeat the command of the study with {start}; "
         "with --taste and the name of a saved study, your answers count there"
@@ -347,7 +388,7 @@ def _effect(each: Effect, found: Verification) -> str:
     if len(ends) > 1:
         return f"{f.name} ({_range(f)}): at either end, no input can hold the plant"
     if np.isinf(each.worsening):
-        return f"{name}: {found.words(each.run)}"
+        return f"{name}: {found.words(each.run)}{_delayed(found, f)}"
     kpi = next((kpi for kpi in found.kpis if kpi.title == each.kpi), None)
     if kpi is None:
         return f"{name}: no KPI gets worse"

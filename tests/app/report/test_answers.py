@@ -113,7 +113,7 @@ def test_margins_stand_beside_those_before_and_an_error_of_own_code_is_said(monk
     def fails(*_):
         raise RuntimeError("no plant")
 
-    monkeypatch.setattr("prefcal_scenarios.verification.result.margins", fails)
+    monkeypatch.setattr("prefcal_scenarios.verification.loop_margins.margins", fails)
     assert dict(unverified(Study(**known)))["Margins"] == "not verified: no margins: no plant"
 
 

@@ -26,7 +26,7 @@ from prefcal_env.disk import digest_of
 from prefcal_env.errors import ScenarioError, SettingsError, StaleError
 from prefcal_env.sources.source import plant_of
 from prefcal_scenarios import load
-from prefcal_scenarios.verification.result import margins_at
+from prefcal_scenarios.verification.loop_margins import margins_at
 from prefcal_scenarios.verification.said import BEST, Verified
 from prefcal_scenarios.wording import measured_texts
 from support.verified import FOUND

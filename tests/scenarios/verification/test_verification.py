@@ -20,11 +20,12 @@ from prefcal_env import (
 )
 from prefcal_env.controllers.margins import MarginKPIs, margins
 from prefcal_env.disk import digest_of
-from prefcal_env.envs.varied_loop import ScaledPlant, Worn, factors_of, varied_plant
+from prefcal_env.envs.varied_loop import DIRECTION, ScaledPlant, Worn, factors_of, varied_plant
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Channel, End, Measurement, Move
 from prefcal_env.plants.plant import Disturbed, Plant
 from prefcal_env.preferences.answer import Reading
+from prefcal_env.sources.source import Source, Varied
 from prefcal_env.sources.varied import Factor, within
 from prefcal_scenarios import KPI, Scenario, load
 from prefcal_scenarios.cases.loops.family import LOOPS
@@ -33,7 +34,8 @@ from prefcal_scenarios.described.lqr_scenario import lqr_scenario
 from prefcal_scenarios.described.pid_scenario import pid_scenario
 from prefcal_scenarios.names import CLOSED_LOOPS
 from prefcal_scenarios.verification import verify
-from prefcal_scenarios.verification.result import VerifiedRun, margins_at, margins_said
+from prefcal_scenarios.verification.loop_margins import margins_at, margins_said
+from prefcal_scenarios.verification.result import VerifiedRun
 from prefcal_scenarios.verification.said import BEST, FILE, Verified, WorstRun
 from prefcal_scenarios.verification.varied_runs import Perturbed, runs_kept
 from prefcal_scenarios.wording import measured
@@ -85,12 +87,48 @@ def test_the_time_constants_of_matrices_vary_and_their_gains_but_no_definitions(
     assert np.array_equal(np.array(slower.parameters.B)[1], B[1])
 
 
-def test_the_other_direction_is_left_out_where_the_nominal_plant_fails_too():
-    theta = middle(load("building"))
-    verified = verify("building", theta, 2, jobs=1)
-    assert "direction" in [f.name for f in found(load("building")).factors]
-    said = "direction" in dict(verified.left_out)
-    assert said != ("direction" in {f.name for f in verified.factors})
+class OneWay(Source):
+    """A loop whose KPI is its gain up, and `down` times its gain where the step is turned."""
+
+    def __init__(self, down, sign=1.0):
+        self.down, self.sign = down, sign
+
+    def run(self, theta, seed=0):
+        late = theta[0] * (self.down if self.sign < 0 else 1.0)
+        t = np.linspace(0.0, 1.0, 3)
+        return recorded(theta, t, {"y": t}).with_kpis({"late": float(late)})
+
+    def varied(self):
+        factors = (Factor.around("mass", "parameter", 0.1), Factor(DIRECTION, "task", 1, -1, 1, ends=True))
+        return Varied(factors, (), lambda values: OneWay(self.down, values.get(DIRECTION, 1.0)))
+
+
+def one_way(down, theta, start=None):
+    space, kpis = KnobSpace([Knob("gain", 1.0, 10.0)]), (KPI("late", "late", at_most=10.0),)
+    scenario = Scenario("oneway", "One way", space, OneWay(down), kpis=kpis)
+    start = None if start is None else np.array([start])
+    return verify(scenario, np.array([theta]), 40, start=start, jobs=1)
+
+
+def test_a_turned_step_that_only_this_tuning_fails_is_a_failure():
+    # 8 misses 10 where it is turned, 2 does not: the plant can do it, so all tunings meet it.
+    for theta, start in ((8.0, None), (8.0, 2.0), (2.0, 8.0), (8.0, 9.0)):
+        assert DIRECTION in {f.name for f in one_way(2.0, theta, start).factors}
+    judged = one_way(2.0, 8.0)
+    turned = sum(each.values[DIRECTION] < 0 for each in judged.runs)
+    assert 0 < turned == len(judged.failed) < 40
+    assert "not varied" not in judged.headline
+
+
+@pytest.mark.parametrize("theta", [8.0, 10.0])
+def test_a_turned_step_that_no_tuning_can_do_is_left_out_and_the_verdict_says_so(theta):
+    judged = one_way(20.0, theta)
+    assert [f.name for f in judged.factors] == ["mass"]
+    said = "turned, the nominal plant fails with each of 11 tunings (late misses its objective)"
+    assert dict(judged.left_out)[DIRECTION] == said
+    assert judged.headline == (
+        "Holds: 40 of 40 runs keep the stated limits; not varied: direction, which fails nominally."
+    )
 
 
 def test_a_compiled_law_decides_as_a_controller_what_it_decides_in_its_loop():
