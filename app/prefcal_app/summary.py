@@ -453,6 +453,10 @@ def _near(ends: Sequence[tuple[Knob, bool]], space: KnobSpace, best: Float[np.nd
     return "at" if np.allclose(best[numbers], reached, atol=0) else "near"
 
 
+FIRST_RUN = "experiment 1"
+"""What the first experiment of a study is called."""
+
+
 def begin_with(named: Mapping[str, Experiment], space: KnobSpace, limited: Sequence[KPI]) -> str:
     """Return that the first of some experiments that keeps all limits does so, and how to begin with it.
 
@@ -467,6 +471,8 @@ def begin_with(named: Mapping[str, Experiment], space: KnobSpace, limited: Seque
     for name, run in named.items():
         inside = not run.end.interrupted and ((low <= run.theta) & (run.theta <= high)).all()
         if inside and all(kpi.met_by(run) for kpi in limited):
+            if name == FIRST_RUN:  # the same command would begin there again
+                return f"{name}, where the study began, misses none: go back to it, or continue"
             start = shlex.join(["--start", typed_theta(space, run.theta.tolist())])
             return f"{name} misses none: to begin with it, repeat the command of the study with {start}"
     return ""
