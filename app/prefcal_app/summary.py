@@ -433,10 +433,7 @@ def outlook(
     several = len(ends) > 1
     verb, whose = ("are", "their ranges") if several else ("is", "its range")
     listed = _listed([knob.name for knob, _ in ends])
-    numbers = [space.knobs.index(knob) for knob, _ in ends]
-    reached = [space.within[number][up] for number, (_, up) in zip(numbers, ends, strict=True)]
-    near = "at" if np.allclose(best[numbers], reached, atol=0) else "near"
-    sentence = f"{listed} of the best θ {verb} {near} the end of {whose}"
+    sentence = f"{listed} of the best θ {verb} {_near(ends, space, best)} the end of {whose}"
     within = promise and f"Within the present ranges, {promise[0].lower()}{promise[1:]}"
     if place == ":memory:":
         end = f"{sentence}; if your plant allows it, widen {whose}."
@@ -447,6 +444,17 @@ def outlook(
         _command(ends, space, place, str(state.configuration["scenario"])),
         missed=why,
     )
+
+
+def _near(ends: Sequence[tuple[Knob, bool]], space: KnobSpace, best: Float[np.ndarray, " n"]) -> str:
+    """Return "at" if all these knobs are at an end of their range, else "near"."""
+    numbers = [space.knobs.index(knob) for knob, _ in ends]
+    reached = [space.within[number][up] for number, (_, up) in zip(numbers, ends, strict=True)]
+    return "at" if np.allclose(best[numbers], reached, atol=0) else "near"
+
+
+FIRST_RUN = "experiment 1"
+"""What the first experiment of a study is called."""
 
 
 def begin_with(named: Mapping[str, Experiment], space: KnobSpace, limited: Sequence[KPI]) -> str:
@@ -463,6 +471,8 @@ def begin_with(named: Mapping[str, Experiment], space: KnobSpace, limited: Seque
     for name, run in named.items():
         inside = not run.end.interrupted and ((low <= run.theta) & (run.theta <= high)).all()
         if inside and all(kpi.met_by(run) for kpi in limited):
+            if name == FIRST_RUN:  # the same command would begin there again
+                return f"{name}, where the study began, misses none: go back to it, or continue"
             start = shlex.join(["--start", typed_theta(space, run.theta.tolist())])
             return f"{name} misses none: to begin with it, repeat the command of the study with {start}"
     return ""

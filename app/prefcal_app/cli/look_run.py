@@ -168,11 +168,7 @@ def _serve(runs: Sequence[NamedRun], options: LookOptions) -> None:
 # --- Run `prefcal verify`: vary the plant of a tuning, say and keep what came of it, ask about the worst.
 
 _VERDICTS = {"y": True, "n": False}
-_BATCHES = (
-    "varied runs",
-    "failed runs with the task as stated, other tunings",
-    "other runs with the task as stated",
-)
+_BATCHES = ("varied runs", "task as stated, other tunings", "the rest, task as stated")
 """What a verification runs, in this order, the last two only where some run fails."""
 
 

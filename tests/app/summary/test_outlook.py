@@ -202,6 +202,9 @@ def test_what_misses_no_objective_is_named_before_any_other_advice():
     assert begin_with(named, space, kpis) == ""
     assert begin_with({"experiment 1": replace(good, end=End.UNSAFE)}, space, kpis) == ""
     assert begin_with({"paper": run(0.5, 4.0, high + 1.0)}, space, kpis) == "", "the study cannot begin there"
+    assert begin_with({"experiment 1": good, "paper": good}, space, kpis) == (
+        "experiment 1, where the study began, misses none: go back to it, or continue"
+    )
     keeping = begin_with({**named, "paper": good, "other": good}, space, kpis)
     typed = typed_theta(space, good.theta)
     assert keeping == (
