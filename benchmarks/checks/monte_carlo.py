@@ -62,13 +62,22 @@ def drawn(runs: int, seed: int, shares: tuple[float, float, float], lag: float, 
 
 
 def failures(process: TransferFunction, experiment: StepAndLoad, pid: PID, factors: np.ndarray) -> np.ndarray:
-    """Return which plants run away, or are outside the band at the end of a part, shape (runs,)."""
+    """Return which plants run away, or do not settle by the end of a part, shape (runs,)."""
     y, error = simulated(process, experiment, pid, factors)
     parted = _samples(experiment)
     outside = np.abs(error) > _BAND
     step = abs(experiment.target - experiment.start)
     away = (np.abs(y - experiment.start) > _AWAY * step) | ~np.isfinite(y)
-    return np.asarray(outside[parted - 1] | outside[-1] | away.any(axis=0))
+    unsettled = [not (_settles(each[:parted]) and _settles(each[parted:])) for each in outside.T]
+    return np.asarray(unsettled | away.any(axis=0))
+
+
+def _settles(outside: np.ndarray) -> bool:
+    """Return whether an error stays in the band, as long as on any earlier visit or a tenth of the time."""
+    parts = np.split(outside, np.flatnonzero(np.diff(outside)) + 1)
+    earlier = [len(part) - 1 for part in parts[1:-1] if not part[0]]
+    enough = min(max(earlier, default=0), (len(outside) - 1) / 10)
+    return bool(not outside[-1] and len(parts[-1]) - 1 >= enough)
 
 
 def _samples(e: StepAndLoad, parts: int = 1) -> int:

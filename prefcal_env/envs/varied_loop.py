@@ -624,6 +624,8 @@ class VariedLoop:
             return np.asarray(task.u0)
         if not all(isinstance(s, StepSignal) or not callable(s) for s in (task.y_ref, task.d)):
             return None  # what moves all the time has no place to rest at
+        if len(tracked_of(task)) < len(plant.inputs):
+            return None  # of many inputs that hold it there, only one is found
         near = at_target(self.plant, self.task) or task
         d, chosen = task.disturbance(0.0 if place == PLACES[1] else task.horizon), list(tracked_of(task))
         chosen = chosen[: len(plant.inputs)]

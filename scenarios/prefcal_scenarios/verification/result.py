@@ -209,7 +209,7 @@ class Verification:
         if count:
             first = "" if count == len(self.failed) else "first "
             of = f"the same {count}" if count == len(self.runs) else f"the {first}{count} that fail"
-            said = f"; at {self.stated}, {sum(not run.problems for run in self.as_stated)} of {of} do"
+            said = f"; at {self.stated}, {sum(not run.problems for run in self.as_stated)} of {of} hold"
         kept = [
             f"{name}, which fails nominally" if why.startswith("turned,") else name
             for name, why in self.left_out
@@ -367,7 +367,7 @@ class Verification:
         return () if breakable(self.kpis) or not self.runs else tuple(self._usual())
 
     def _offer(self, kpi: KPI, limit: float, why: str) -> str:
-        kept = sum(run.kpis.get(kpi.name, np.inf) <= limit for run in self.runs)
+        kept = sum(kpi.read(run.kpis.get(kpi.name, np.inf)) <= limit for run in self.runs)
         most = quantity(limit, kpi.unit)
         return f"{kpi.title} at most {most}{why}: {kept} of {len(self.runs)} runs"
 
@@ -380,7 +380,7 @@ class Verification:
             if title.startswith("overshoot") and kpi.unit == "%":
                 yield kpi, 10.0, ""
             elif "settling time" in title:
-                yield kpi, kpi.read(2 * value), " (twice the nominal one)"
+                yield kpi, float(f"{kpi.read(2 * value):.4g}"), " (twice the nominal one)"
 
     @property
     def margin_verdict(self) -> str:

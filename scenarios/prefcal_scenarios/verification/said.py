@@ -159,7 +159,7 @@ class Verified:
             scenario=found.scenario,
             version=version,
             best=best,
-            misses=found.misses[:_MOST],
+            misses=_first_of(found.misses),
             breaking=tuple(each.factor.name for each in found.effects if np.isinf(each.worsening)),
             seed=found.seed,
             apart=len(found.unheld),
@@ -221,6 +221,12 @@ class Verified:
             write_durably(path, f"{text}\n".encode())
         except OSError as error:
             raise ScenarioError(f"cannot write {str(path)!r}: {error}. Not kept: {self.statement}") from error
+
+
+def _first_of(misses: Sequence[str]) -> tuple[str, ...]:
+    """Return as many limits that are missed as people read, and how many more there are."""
+    more = len(misses) - _MOST
+    return (*misses[:_MOST], *([f"{more} more limits are missed"] if more > 0 else []))
 
 
 def _compared(found: Verification, baseline: str) -> str:

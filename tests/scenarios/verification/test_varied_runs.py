@@ -373,7 +373,7 @@ def test_what_fails_at_the_stated_target_too_is_not_excused_by_it():
     assert 0 < still < len(bad)
     assert found.headline == (
         f"Does not hold: {100 - len(bad)} of 100 runs keep the stated limits; at the stated target and load, "
-        f"{len(bad) - still} of the {len(bad)} that fail do; not varied: direction."
+        f"{len(bad) - still} of the {len(bad)} that fail hold; not varied: direction."
     )
     assert not any("task=0" in each for each in Verified.of(found, tracking, "", "1.0", "").advice)
     # Nominally, the stated target alone decides.
@@ -971,6 +971,6 @@ def test_of_many_runs_that_fail_the_first_sixty_are_tried_as_stated():
     found = verify(tracking, THETA, 300, jobs=1)
     assert len(found.failed) > 60 == len(found.as_stated)
     good = sum(not run.problems for run in found.as_stated)
-    assert f"at the stated target and load, {good} of the first 60 that fail do" in found.headline
+    assert f"at the stated target and load, {good} of the first 60 that fail hold" in found.headline
     heavy = replace(SPRING, run=Tracking(), kpis=(KPI("weight", "weight", at_most=1.9),))
     assert verify(heavy, THETA, 100, jobs=1).as_stated == ()  # it does not hold nominally
