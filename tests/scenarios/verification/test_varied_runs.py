@@ -324,7 +324,7 @@ def test_runs_that_fail_at_targets_that_nobody_stated_are_counted_apart():
     assert 0 < bad < 50  # 2 / 0.9 is 2.22: with the stated target, every mass holds
     assert found.headline == (
         f"Does not hold beyond the stated target and load: {100 - bad} of 100 runs keep the stated limits; "
-        "at the stated target and load, 100 of the same 100 do; not varied: direction."
+        "at the stated target and load, 100 of the same 100 hold; not varied: direction."
     )
     assert {*found.as_stated[0].values} == {"mass"}
     assert [each.seed for each in found.as_stated[:bad]] == [each.seed for each in found.failed]
@@ -389,7 +389,7 @@ def test_what_misses_a_stated_margin_or_is_not_stable_at_its_target_does_not_hol
     assert not any(each.problems for each in found.as_stated)
     held = f"{100 - len(found.failed)} of 100 runs keep the stated limits"
     assert found.headline == (
-        f"Does not hold: {held}; at the stated target and load, 100 of the same 100 do; not varied: "
+        f"Does not hold: {held}; at the stated target and load, 100 of the same 100 hold; not varied: "
         "direction. Margins of the nominal loop: stiffness 4, required ≤ 3.9: NOT kept."
     )
     assert not any("task=0" in each for each in Verified.of(found, SPRING, "", "1.0", "").advice)
