@@ -89,7 +89,7 @@ class Options(Described):
         twin: A rough model of the plant: simulate unseen on this scenario, and run only what is
             shown. It has the plant's knobs and KPIs; prefcal learns how both differ.
         robust: Look for a result that also keeps the limits in 300 perturbed runs: parameters and dead
-            time vary as in `prefcal verify`, and the noise. What that costs is said at the end.
+            time vary as in `prefcal verify`, and the seed of the noise. What that costs is said at the end.
         study: Study to start or to resume: a name in your data folder, or a file (with a / or a
             suffix).
         seed: Seed of the agent, the calibrator and the order of the two sides.

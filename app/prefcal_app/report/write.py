@@ -218,7 +218,7 @@ def _verdicts(verified: Verified) -> dict[str, str | dict[str, str]]:
         found["Misses"] = _sentences(verified.misses)
     for worst in verified.worst[:1]:
         found["Worst run"] = f"{worst.words}{f' ({worst.verdict})' if worst.verdict else ''}: {worst.text}."
-    found["Hurts most"] = next(iter(verified.effects), _UNKNOWN)
+    found["Hurts most"] = "; ".join(verified.hurting) or _UNKNOWN
     return found
 
 

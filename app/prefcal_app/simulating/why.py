@@ -259,7 +259,7 @@ def _perturbed(scenario: Scenario) -> str:
         factors = scenario.source.elsewhere.here.varied().factors
     except ScenarioError:  # its files may have changed since
         more = _listed(list(BEYOND.values()))
-        return f"They vary the plant and the noise; prefcal verify (V) varies {more}, too."
+        return f"They vary the plant and the seed of its noise; prefcal verify (V) varies {more}, too."
     own, others = ([f.name for f in factors if f.robust == one] for one in (True, False))
     and_more = f"; prefcal verify (V) also varies {_listed(others)}" if others else ""
     return f"They vary {_listed([*own, 'the seed of the noise'])}{and_more}."

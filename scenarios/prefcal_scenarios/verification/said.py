@@ -334,7 +334,7 @@ def _another(found: Verification, scenario: Scenario, robust: bool) -> str:
         first = ""
     elif robust:
         tighter = "start one with tighter limits, or " if breakable(found.kpis) else ""
-        only = f"the study was robust, which varies the plant and the noise only: {tighter}{change}"
+        only = f"the study was robust: it varies the plant and the seed of its noise; {tighter}{change}"
         first = only if change else ""
     elif most := [*takewhile(lambda factor: not factor.robust, lost)][:_SHOWN]:
         names = " and ".join(f"{factor.name}{_delayed(found, factor)}" for factor in most)

@@ -196,8 +196,8 @@ def test_beside_some_failed_runs_stands_what_to_do_next():
     )
     wider = Verified.of(found, replace(SPRING, simulated=True), "", "1.0", "", robust=True).advice[0]
     assert wider == (
-        "the study was robust, which varies the plant and the noise only: start one with tighter limits, or "
-        "change the controller or relax the limit"
+        "the study was robust: it varies the plant and the seed of its noise; start one with tighter limits, "
+        "or change the controller or relax the limit"
     )
     assert relax == (
         f"relax the limit of weight: with ≤ {heaviest:.4g} in place of ≤ 2.1, 200 of these 200 runs hold; as "
