@@ -450,7 +450,8 @@ def _said(found: Verification, tuning: BestTuning, best: Path, at: str) -> Verif
     if not best.is_file() or digest_of(best) != tuning.digest:
         raise StaleError(f"{str(best)!r} changed while its tuning was verified: verify again")
     version, robust = versions()["prefcal"], tuning.robust
-    said = Verified.of(found, tuning.scenario, tuning.baseline, version, tuning.digest, robust=robust)
+    baseline = "" if tuning.before is None else tuning.baseline  # else, it counts as one that did not run
+    said = Verified.of(found, tuning.scenario, baseline, version, tuning.digest, robust=robust)
     changed = "Of the plant as its files are now, not as in the study. " if tuning.changed else ""
     return replace(said, headline=f"{changed}{said.headline}", worst=_judged(said.worst, best.parent), at=at)
 

@@ -77,6 +77,7 @@ def test_a_tuning_that_stays_is_not_run_beside_itself(best):
         best.write_text(json.dumps(content | {"before": {"what": "current tuning", "theta": before}}))
         said = verify_best(best, 2, jobs=1)
         columns.append((said.margin_columns, "Before" in said.statement))
+        assert "Stopped" not in said.statement
     assert columns == [(("margin", "result", "current tuning"), True), (("margin", "result"), False)]
 
 
