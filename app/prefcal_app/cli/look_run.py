@@ -178,16 +178,22 @@ def _bars() -> Iterator[Progress]:
     columns = bar.TextColumn("{task.description}"), bar.BarColumn(), bar.MofNCompleteColumn()
     times = bar.TimeElapsedColumn(), bar.TimeRemainingColumn()
     names, arrived_before = chain(_BATCHES, repeat("further runs")), inf
-    with bar.Progress(*columns, *times, console=Console(stderr=True, emoji=False)) as display:
+    display = bar.Progress(*columns, *times, console=Console(stderr=True, emoji=False))
 
-        def tell(arrived: int, total: int | None) -> None:
-            nonlocal arrived_before
-            if arrived <= arrived_before:  # another batch has begun
-                display.add_task(next(names))
-            arrived_before = arrived
-            display.update(display.task_ids[-1], completed=arrived, total=total)
+    def tell(arrived: int, total: int | None) -> None:
+        nonlocal arrived_before
+        if not display.task_ids:  # not before: an error of the first steps is one line
+            display.start()
+        if arrived <= arrived_before:  # another batch has begun
+            display.add_task(next(names))
+        arrived_before = arrived
+        display.update(display.task_ids[-1], completed=arrived, total=total)
 
+    try:
         yield tell
+    finally:
+        if display.task_ids:
+            display.stop()
 
 
 def verify(options: VerifyOptions) -> int:
@@ -208,7 +214,7 @@ def verify(options: VerifyOptions) -> int:
     if beside := written_beside(said, best.parent):
         say(
             console,
-            f"Kept in {best.parent / beside}: {best.parent / FILE} has more runs than these {said.runs}, so "
+            f"Kept in {best.parent / beside}: {best.parent / FILE} has more runs than these {said.made}, so "
             "it stays, as do sheet and report. To replace it, remove it first.",
         )
         return 0

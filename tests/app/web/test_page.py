@@ -372,6 +372,6 @@ def test_the_result_is_verified_by_a_key_and_a_person_judges_the_worst_runs(brow
     lines = ("[kpis]", '"M_s" = {"at_most" = 2.0}')  # of a plant of one's own, to copy
     replace(said, lines=lines).write(kept.parent)
     page.reload()
-    page.wait_for_selector("#verified pre", state="attached")
-    assert page.text_content("#verified pre") == "\n".join(lines)
+    page.wait_for_selector("#verification pre")  # before what is folded
+    assert page.text_content("#verification pre") == "\n".join(lines)
     assert watched.errors == []
