@@ -399,12 +399,14 @@ class Utilities:
         close[:, tie] = True
         few = 4 * np.count_nonzero(close) <= close.size  # to pick more takes longer than to compute all
         at = np.nonzero(close) if few else ()
-        picked = (gain[at], tie[at[1]], self.errors[at[0]]) if few else (gain, (slice(None), tie), error)
-        explained, even = notice_chance(picked[0]), picked[0][picked[1]]
-        explained[picked[1]] = 1.0 - notice_chance(even) - notice_chance(-even)
+        own, ties, wrong = (
+            (gain[at], tie[at[1]], self.errors[at[0]]) if few else (gain, (slice(None), tie), error)
+        )
+        explained, even = notice_chance(own), own[ties]
+        explained[ties] = 1.0 - notice_chance(even) - notice_chance(-even)
         # A mistake is any of the three answers, so that no single one can rule out a draw.
-        explained *= 1.0 - picked[2]
-        explained += picked[2] / 3.0
+        explained *= 1.0 - wrong
+        explained += wrong / 3.0
         np.log(explained, out=explained)
         if not few:
             return explained

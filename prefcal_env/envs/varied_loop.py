@@ -490,7 +490,7 @@ class VariedLoop:
     def _places(self) -> tuple[str, str, str]:
         """Return in words where the first output starts and is sent by start, size and direction, each alone.
 
-        Alone, since whoever verifies may leave out the others.
+        Each is said alone, since people may leave out the others.
         """
         k, moves = tracked_of(self.task)[0], self.moves
         y, start = self.plant.outputs[k], float(self.start[k])

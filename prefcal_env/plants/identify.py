@@ -122,7 +122,7 @@ def _check_spikes(t: Float[np.ndarray, " K"], u: Float[np.ndarray, " K"], y: Flo
         for k in np.flatnonzero((off > far) & (off > 0) & calm).tolist():
             if np.ptp(u[max(k - 4, 0) : k + wide + 1]) == 0:
                 found |= dict.fromkeys(range(k + 1, k + 1 + wide), float(y[k]))
-    if found and not _held(y):
+    if found and not _describe_dead_band(y):
         first = min(found)
         rows = f"{len(found)} rows are" if len(found) > 1 else "1 row is"
         raise RecordError(
@@ -139,7 +139,7 @@ def _spread_around(y: Float[np.ndarray, " K"], wide: int) -> Float[np.ndarray, "
     return np.asarray(np.ptp(np.delete(around, np.s_[4 : 4 + wide], axis=1), axis=1))
 
 
-def _held(y: Float[np.ndarray, " K"]) -> str:
+def _describe_dead_band(y: Float[np.ndarray, " K"]) -> str:
     """Return that an output mostly repeats its value and then moves far, in words; "" if it does not."""
     moves = np.abs(np.diff(y))
     still, least = int(np.sum(moves == 0)), float(np.min(moves[moves > 0], initial=np.inf))
@@ -163,7 +163,7 @@ def _check_saturation(
         for start, stop in zip(starts.tolist(), ends.tolist(), strict=True):
             long = stop - start >= max(_AFTER, _FLAT * len(y))
             if long and start > first and abs(end - y[max(start - near, 0)]) > 0.05 * size:
-                if held := _held(y):
+                if held := _describe_dead_band(y):
                     raise RecordError(held)
                 raise RecordError(
                     f"the output is saturated: from {t[start]:g} on it rests at {end:g}, the {word} value of "
@@ -369,7 +369,7 @@ def _notes(
             "answered noise and loads: trust the model only if the set point stepped, and by more than the "
             "noise."
         )
-    if held := _held(y):
+    if held := _describe_dead_band(y):
         yield f"{held[:1].upper()}{held[1:]}: until then, trust the numbers less than their intervals say."
     at_rest = y[: int(np.argmax(u != u[0]))]
     if len(at_rest) < _AT_REST:

@@ -463,7 +463,7 @@ def _offering(said: Verified, found: Verification, own: Sequence[KPI], command: 
     """
     told = f"{said.limits_kept} Stated for this verification, not in the study: {'; '.join(said.limits)}."
     if said.limits:
-        looser = "; ".join(_loosened(own, found.kpis))
+        looser = "; ".join(_list_looser(own, found.kpis))
         first = f"By looser limits than the study's ({looser}): " if looser else ""
         said = replace(said, limits_kept=told, headline=f"{first}{said.headline}")
     usual = [f"{k.name} <= {float(f'{limit:.4g}'):g} {k.unit}".strip() for k, limit, _ in found.usual]
@@ -485,7 +485,7 @@ def _with_limits(advice: Sequence[str], limits: Sequence[str], source: str) -> I
             yield f"{text}; first state {'; '.join(limits)} in the KPIs of your file"
 
 
-def _loosened(own: Sequence[KPI], now: Sequence[KPI]) -> Iterator[str]:
+def _list_looser(own: Sequence[KPI], now: Sequence[KPI]) -> Iterator[str]:
     """Yield the limits of KPIs that are looser than their own ones, in words."""
     known = {kpi.name: kpi for kpi in own}
     for kpi in now:

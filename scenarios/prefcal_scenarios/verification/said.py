@@ -140,7 +140,7 @@ class Verified:
         margins, basis = margins_said([each.margins for each in both], found.tuning.time_unit)
         return cls(
             headline=found.headline,
-            statement=found.statement + _compared(found, baseline),
+            statement=found.statement + _compare_before(found, baseline),
             limits_kept=found.limits,
             margins_kept=found.margin_verdict,
             advice=_next(found, scenario, baseline, robust),
@@ -229,7 +229,7 @@ def _first_of(misses: Sequence[str]) -> tuple[str, ...]:
     return (*misses[:_MOST], *([f"{more} more limits are missed"] if more > 0 else []))
 
 
-def _compared(found: Verification, baseline: str) -> str:
+def _compare_before(found: Verification, baseline: str) -> str:
     """Return on how many plants the baseline holds; if those are fewer, also how the result does there."""
     new, old = found.runs, found.before.runs if found.before else ()
     if not old:
@@ -337,7 +337,7 @@ def _another(found: Verification, scenario: Scenario, robust: bool) -> str:
         only = f"the study was robust: it varies the plant and the seed of its noise; {tighter}{change}"
         first = only if change else ""
     elif most := [*takewhile(lambda factor: not factor.robust, lost)][:_SHOWN]:
-        names = " and ".join(f"{factor.name}{_delayed(found, factor)}" for factor in most)
+        names = " and ".join(f"{factor.name}{_name_delay_margin(found, factor)}" for factor in most)
         breaks = "each alone break" if len(most) > 1 else "alone breaks"
         first = f"{due}{names} {breaks} it most, which no robust study varies"
     else:
@@ -345,7 +345,7 @@ def _another(found: Verification, scenario: Scenario, robust: bool) -> str:
     return first
 
 
-def _delayed(found: Verification, factor: Factor) -> str:
+def _name_delay_margin(found: Verification, factor: Factor) -> str:
     """Return the delay margin beside what delays the loop, in parentheses; "" of what does not."""
     own = found.tuning.margins
     delays = [m.delay for m in (own, getattr(own, "target", None)) if isinstance(m, Margins)]
@@ -394,7 +394,7 @@ def _effect(each: Effect, found: Verification) -> str:
     if len(ends) > 1:
         return f"{f.name} ({_range(f)}): at either end, no input can hold the plant"
     if np.isinf(each.worsening):
-        return f"{name}: {found.words(each.run)}{_delayed(found, f)}"
+        return f"{name}: {found.words(each.run)}{_name_delay_margin(found, f)}"
     kpi = next((kpi for kpi in found.kpis if kpi.title == each.kpi), None)
     if kpi is None:
         return f"{name}: no KPI gets worse"
