@@ -24,6 +24,7 @@ from prefcal_scenarios.runs import grouped
 from prefcal_scenarios.scenario import KPI
 from prefcal_scenarios.wording import (
     comparable,
+    join_words,
     limits_text,
     meaning,
     measured_texts,
@@ -354,7 +355,7 @@ def others_unbeaten(history: History, *, robust: bool = False) -> str:
     if len(indices) < 2:
         return ""
     best, *others = (str(index + 1) for index in indices)
-    named = f"experiment{'s' * (len(others) > 1)} {_listed(others)} {'were' if len(others) > 1 else 'was'}"
+    named = f"experiment{'s' * (len(others) > 1)} {join_words(others)} {'were' if len(others) > 1 else 'was'}"
     return f"Besides experiment {best}, {named} never beaten: no answer says which one is better."
 
 
@@ -420,7 +421,7 @@ def outlook(
         helps: Function of the number of a knob at its end, and whether it is the upper end, that
             returns whether going further is expected to help.
     """
-    reach = f"Not even the best experiment has a finite {_listed(never)}." if never else ""
+    reach = f"Not even the best experiment has a finite {join_words(never)}." if never else ""
     swings = "The loop of the best experiment is not stable." if unstable else ""
     why = " ".join(filter(None, (swings, _missed(missed, limiting, keeping), reach)))
     ends = [
@@ -432,7 +433,7 @@ def outlook(
         return Outlook(promise, missed=why)
     several = len(ends) > 1
     verb, whose = ("are", "their ranges") if several else ("is", "its range")
-    listed = _listed([knob.name for knob, _ in ends])
+    listed = join_words([knob.name for knob, _ in ends])
     sentence = f"{listed} of the best θ {verb} {_near(ends, space, best)} the end of {whose}"
     within = promise and f"Within the present ranges, {promise[0].lower()}{promise[1:]}"
     if place == ":memory:":
@@ -485,12 +486,7 @@ def _missed(titles: Sequence[str], limiting: str, keeping: str) -> str:
     which = "objectives" if len(titles) > 1 else "objective"
     more = "continue or, if more experiments do not help, widen the ranges or change the controller"
     todo = keeping or (range_ends(limiting) if limiting else more)
-    return f"The best experiment misses the {which} for {_listed(titles)}: {todo}."
-
-
-def _listed(names: Sequence[str]) -> str:
-    *most, last = names
-    return " and ".join([", ".join(most), last] if most else [last])
+    return f"The best experiment misses the {which} for {join_words(titles)}: {todo}."
 
 
 def at_end(space: KnobSpace, theta: Float[np.ndarray, " n"]) -> list[tuple[Knob, bool]]:

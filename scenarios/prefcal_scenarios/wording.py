@@ -127,6 +127,12 @@ def _says_the_same(kpi: KPI, fewer: list[float], read: list[float]) -> bool:
     )
 
 
+def join_words(words: Sequence[str]) -> str:
+    """Return words as people list them: "a, b and c"; "" of none."""
+    *most, last = words or ("",)
+    return " and ".join([", ".join(most), last] if most else [last])
+
+
 def objective(kpi: KPI) -> str:
     """Return the objective of a KPI as text; empty if there is none."""
     limits = (("≥", kpi.at_least), ("≤", kpi.at_most))

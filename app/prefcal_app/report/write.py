@@ -209,11 +209,10 @@ def unverified(record: StudyRecord, why: str = "") -> Answers:
 
 def _verdicts(verified: Verified) -> dict[str, str | dict[str, str]]:
     """Return what the verdict rests on, the worst run, and what hurts most."""
-    margins = _margins(verified.margins, verified.basis)
     found: dict[str, str | dict[str, str]] = {"Other plants": f"{verified.statement} {verified.limits_kept}"}
     if verified.lines:
         found["Usual limits"] = {"lines": "\n".join(verified.lines)}
-    found["Margins"] = margins
+    found["Margins"] = _sentences([verified.basis])
     if verified.misses:
         found["Misses"] = _sentences(verified.misses)
     for worst in verified.worst[:1]:
@@ -224,7 +223,8 @@ def _verdicts(verified: Verified) -> dict[str, str | dict[str, str]]:
 
 def verified_answers(verified: Verified) -> Answers:
     """Return what was verified, what varied, and what nobody looked at, in words for the sheet."""
-    found: Answers = [*_verdicts(verified).items()]
+    margins = _margins(verified.margins, verified.basis)
+    found: Answers = [*{**_verdicts(verified), "Margins": margins}.items()]
     if verified.runs:
         spans = tuple(f"{name}: {low} to {high}" for name, _, _, low, high, *_ in verified.kpis)
         found.append(("KPIs, 5 to 95 %", spans))
@@ -252,8 +252,10 @@ def verdict_of(record: StudyRecord, verified: Verified | str | None = None) -> s
 
 def top(verdict: str, advice: Sequence[str] = ()) -> str:
     """Return the verdict and what to do next, which stand above the tables of sheet and report, as HTML."""
-    texts = [verdict, *([f"What next: {_sentences(advice)}"] if advice else [])]
-    made = "".join(f'<p class="verdict">{symbols_in(text)}</p>' for text in texts)
+    first, *rest = re.split(r"(?<=\.) (?=[A-Z])", verdict, maxsplit=1)
+    made = f'<p class="verdict"><strong>{symbols_in(first)}</strong> {symbols_in("".join(rest))}</p>'
+    if advice:
+        made += f'<p class="verdict"><strong>What next:</strong> {symbols_in(_sentences(advice))}</p>'
     return f"<!-- verdict -->{made}<!-- end -->"
 
 
@@ -298,12 +300,10 @@ def _sentences(texts: Sequence[str]) -> str:
     return " ".join(f"{text[:1].upper()}{text[1:]}." for text in texts)
 
 
-def _margins(rows: Sequence[Sequence[str]], basis: str) -> str:
+def _margins(rows: Sequence[Sequence[str]], basis: str) -> str | tuple[str, ...]:
     """Return margins with those before in brackets, if they are known, and what they hold for."""
-    if not rows:
-        return f"{_UNKNOWN}: {basis}"
-    words = (f"{name} {after}{f' (before {old[0]})' if old else ''}" for name, after, *old in rows)
-    return _sentences([f"{', '.join(words)}: {basis}"])
+    words = (f"{name}: {after}{f' (before {old[0]})' if old else ''}" for name, after, *old in rows)
+    return (*words, basis) if rows else f"{_UNKNOWN}: {basis}"
 
 
 def section(holds: Answers, loop: bytes = b"") -> str:

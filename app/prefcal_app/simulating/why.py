@@ -21,7 +21,7 @@ from prefcal_env.sources.source import env_of, plant_of
 from prefcal_env.sources.varied import BEYOND
 from prefcal_scenarios.scenario import KPI, Scenario
 from prefcal_scenarios.verification.result import breakable
-from prefcal_scenarios.wording import quantity, with_unit
+from prefcal_scenarios.wording import join_words, quantity, with_unit
 
 # --- Say in one sentence why an experiment is shown, what the answer can change, and what was wanted.
 
@@ -129,14 +129,14 @@ def why(
     else:
         told = f"Nothing learned yet: {side.lower()} {differs}."
     which = "objectives" if len(missed) > 1 else "objective"
-    told = f"{told} It misses the {which} for {_listed(missed)}." if missed else told
+    told = f"{told} It misses the {which} for {join_words(missed)}." if missed else told
     return told if reason.kept is None else f"{told} {_held(reason.kept, 'It', scenario, shown)}"
 
 
 def _differs(reason: Reason, named: Callable[[str, bool], str]) -> str:
     """Return in what it differs from the best so far, the KPIs that matter most."""
-    better = _listed([named(name, True) for name in reason.better_in[:_MOST]])
-    worse = _listed([named(name, False) for name in reason.worse_in[:_MOST]])
+    better = join_words([named(name, True) for name in reason.better_in[:_MOST]])
+    worse = join_words([named(name, False) for name in reason.worse_in[:_MOST]])
     if better and worse:
         return f"has {better}, but {worse}"
     return f"has {better or worse}" if better or worse else "has about the KPIs of the best so far"
@@ -148,11 +148,6 @@ def named_titles(reason: Reason, scenario: Scenario) -> list[str]:
     named = (*reason.better_in[:_MOST], *reason.worse_in[:_MOST])
     shown = [kpis.get(kpis[name].of or name) for name in named if name in kpis]
     return [kpi.title for kpi in shown if kpi is not None]
-
-
-def _listed(words: Sequence[str]) -> str:
-    *most, last = words or ("",)
-    return " and ".join([", ".join(most), last] if most else [last])
 
 
 def _namer(scenario: Scenario) -> Callable[[str, bool], str]:
@@ -201,7 +196,7 @@ def rival(found: Findings, scenario: Scenario, run: Callable[[int], Experiment])
         for row in rows
         if row["size"]
     ]
-    return f"Experiment {other.reversed + 1} has {_listed(pairs[:_NAMED])}." if pairs else ""
+    return f"Experiment {other.reversed + 1} has {join_words(pairs[:_NAMED])}." if pairs else ""
 
 
 def kept(smaller: SmallerChange | None, scenario: Scenario) -> str:
@@ -210,7 +205,7 @@ def kept(smaller: SmallerChange | None, scenario: Scenario) -> str:
         return ""
     names = [scenario.space.names[knob] for knob in smaller.kept]
     return (
-        f"{len(names)} of {len(scenario.space)} knobs can stay as before ({_listed(names)}) without "
+        f"{len(names)} of {len(scenario.space)} knobs can stay as before ({join_words(names)}) without "
         f"looking noticeably worse (chance that it does: {percent(smaller.chance)})."
     )
 
@@ -228,17 +223,17 @@ def _held(
         [k.title for k in limited if nominal is not None and k.met_by(nominal) is one]
         for one in (True, False)
     )
-    left = f" It misses {_listed(missed)} even nominally." if missed else ""
+    left = f" It misses {join_words(missed)} even nominally." if missed else ""
     if outdone and kept >= ENOUGH:
         stated = [k for k in scenario.kpis if k.met(0.0) is not None]
         failed = [k.title for k in stated if nominal is not None and k.met_by(nominal) is False]
-        lost = _listed(failed or ["a stated limit"])
-        keeps = f" It keeps {_listed(met)} in all {ENOUGH} perturbed runs." if met else ""
+        lost = join_words(failed or ["a stated limit"])
+        keeps = f" It keeps {join_words(met)} in all {ENOUGH} perturbed runs." if met else ""
         return (
             f"{which} does not hold: it misses {lost} nominally, and a simulated θ keeps all limits.{keeps}"
         )
     if limited and (met or nominal is None):
-        those = f"those that it meets nominally ({_listed(met)})" if met else "those that it meets nominally"
+        those = f"those that it meets nominally{f' ({join_words(met)})' if met else ''}"
         if kept >= ENOUGH:
             return f"{which} keeps, of the stated limits, {those} in all {ENOUGH} perturbed runs.{left}"
         lost = f"keep, of the stated limits, {those}"
@@ -258,11 +253,11 @@ def _perturbed(scenario: Scenario) -> str:
     try:
         factors = scenario.source.elsewhere.here.varied().factors
     except ScenarioError:  # its files may have changed since
-        more = _listed(list(BEYOND.values()))
+        more = join_words(list(BEYOND.values()))
         return f"They vary the plant and the seed of its noise; prefcal verify (V) varies {more}, too."
     own, others = ([f.name for f in factors if f.robust == one] for one in (True, False))
-    and_more = f"; prefcal verify (V) also varies {_listed(others)}" if others else ""
-    return f"They vary {_listed([*own, 'the seed of the noise'])}{and_more}."
+    and_more = f"; prefcal verify (V) also varies {join_words(others)}" if others else ""
+    return f"They vary {join_words([*own, 'the seed of the noise'])}{and_more}."
 
 
 def robust(found: RobustResult, scenario: Scenario, nominal: Experiment | None = None) -> Iterator[str]:
@@ -276,7 +271,7 @@ def robust(found: RobustResult, scenario: Scenario, nominal: Experiment | None =
     kpis = {kpi.name: kpi for kpi in scenario.kpis}
     prices = [_price(kpis.get(name), name, ours, theirs) for name, ours, theirs in found.costs]
     costs = (
-        _listed([price for price in prices if price][:_MOST]) or f"less than {percent(_LEAST)} of each KPI"
+        join_words([price for price in prices if price][:_MOST]) or f"less than {percent(_LEAST)} of each KPI"
     )
     limited = found.among and any(k.met(0.0) is not None for k in scenario.kpis)
     if found.costs:
@@ -348,7 +343,7 @@ def wanted(wishes: Mapping[str, float], scenario: Scenario, index: LearnedCost |
             f"({index.predicted} of {index.answers})."
         )
     named = _namer(scenario)
-    words = _listed([f"{named(name, True)} ({percent(certainty)})" for name, certainty in wishes.items()])
+    words = join_words([f"{named(name, True)} ({percent(certainty)})" for name, certainty in wishes.items()])
     return f"The answers fit these wishes: {words}." if words else ""
 
 

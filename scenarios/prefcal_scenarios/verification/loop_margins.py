@@ -129,6 +129,22 @@ def usual_margins(m: Margins) -> str:
     return f"does not have {' or '.join(missed)}" if missed else "has them all"
 
 
+_OFFSET = 0.1  # share of a lasting disturbance from which on a loop is told to leave it
+
+
+def remaining(found: Margins | str) -> float:
+    """Return the share of a lasting disturbance at the plant's inputs that stays, if it is much; else 0.
+
+    A loop without integral action leaves |S(0)| of it. So one that hardly feeds back has large margins and
+    yet an offset on every plant but the modeled one. What differs at start and target counts as the less.
+    """
+    both = [m for m in (found, getattr(found, "target", None)) if isinstance(m, Margins)]
+    if not all(m.loop for m in both) or not both:
+        return 0.0
+    least = min(float(np.abs(1 / (1 + m.loop.L[0])).max()) for m in both if m.loop)
+    return least if least >= _OFFSET else 0.0
+
+
 def kept_margin(kpi: KPI, value: float) -> str:
     """Return whether a margin keeps its limit, and whether a tenth is left of that, in words."""
     aim = kpi.aim

@@ -28,6 +28,7 @@ from prefcal_scenarios.runs import HasKPIs
 from prefcal_scenarios.scenario import KPI
 from prefcal_scenarios.wording import (
     comparable,
+    join_words,
     limits_text,
     number,
     objective,
@@ -37,7 +38,7 @@ from prefcal_scenarios.wording import (
     with_unit,
 )
 
-from .loop_margins import USUAL, kept_margin, usual_margins
+from .loop_margins import USUAL, kept_margin, remaining, usual_margins
 
 # --- What came of a verification, as frozen data, and what follows from it.
 
@@ -200,7 +201,7 @@ class Verification:
     def stated(self) -> str:
         """Return what of the task is stated, though it varied, in words."""
         words = [*dict.fromkeys(_TASK.get(f.name, f.name) for f in self.unstated)]
-        return f"the stated {' and '.join(filter(None, [', '.join(words[:-1]), *words[-1:]]))}"
+        return f"the stated {join_words(words)}"
 
     @property
     def _where(self) -> str:
@@ -236,7 +237,7 @@ class Verification:
             holds = "Holds" if breakable(self.kpis) else "Not judged, since no limit on runs is stated"
             where = " on the plants that an input can hold" if self.unheld else ""
             said = f"{holds}{where}{', but a stated margin is missed' if self.misses_margin else ''}: {held}"
-        said += f" {self.apart}." if self.unheld else ""
+        said += f" {self._set_apart}." if self.unheld else ""
         if count and self.never:
             said += f" Not even the nominal run has a finite {' or '.join(self.never)}."
         said += self._quiet
@@ -257,10 +258,15 @@ class Verification:
         unsafe = sum(run.end is End.UNSAFE for run in self.unheld)
         also = f"; {kept} of them keep the limits all the same" if kept else ""
         also += f"; {unsafe} of them end unsafe" if unsafe else ""
+        return f"{self._set_apart}: {'; '.join(said)}{also}"
+
+    @property
+    def _set_apart(self) -> str:
+        """Return how many random runs do not count."""
         total = len(self.runs) + len(self.unheld)
         return (
             f"Not counted: {len(self.unheld)} of {total} varied plants, which cannot rest, whatever the "
-            f"tuning: {'; '.join(said)}{also}"
+            "tuning"
         )
 
     def words(self, run: VerifiedRun) -> str:
@@ -394,12 +400,25 @@ class Verification:
             there = " At its target, it is NOT STABLE."
         else:  # what is stated is judged by a KPI, which is the worse of start and target
             there = f" At its target, it {usual_margins(target)}." if target and not said else ""
+        there += self._remaining
         if said or isinstance(found, str):
             return f"Margins of the nominal loop: {said}.{there}" if said else ""
         usual, has = ", ".join(words for words, *_ in USUAL), f"{usual_margins(found)}."
-        if there.endswith(f"it {has}"):
-            has, there = f"{has[:-1]}, also at its target.", ""
+        if there.startswith(also := f" At its target, it {has}"):
+            has, there = f"{has[:-1]}, also at its target.", there.removeprefix(also)
         return f"No limit on a margin is stated. Usual are {usual}: the nominal loop {has}{there}"
+
+    @property
+    def remaining(self) -> float:
+        """Return the share of a lasting disturbance that the nominal loop leaves, if it is much; else 0."""
+        return remaining(self.tuning.margins)
+
+    @property
+    def _remaining(self) -> str:
+        """Return that large margins are no merit where there is hardly feedback; "" where there is."""
+        share = np.floor(100 * self.remaining)
+        left = f"{share:.0f} % or more of a lasting disturbance at its input stays"
+        return f" It has no integral action: {left}." if share else ""
 
     def _stated_margins(self) -> str:
         """Return whether the KPIs that are margins keep the limits that are stated; "" without any."""

@@ -19,6 +19,7 @@ from prefcal_env.sources.varied import Factor, LeftOut
 from prefcal_scenarios.scenario import KPI, Scenario
 from prefcal_scenarios.wording import (
     comparable,
+    join_words,
     labeled,
     limits_text,
     number,
@@ -307,7 +308,8 @@ def _widened(found: Verification) -> Iterator[str]:
 def _another(found: Verification, scenario: Scenario, robust: bool) -> str:
     """Return which other tuning to look for, or what else to change; "" if neither helps."""
     tried = found.others
-    ways = [] if found.limiting else ["change the controller"]  # what helps there is said of the input
+    offset = " (it has no integral action)" if found.remaining else ""
+    ways = [] if found.limiting else [f"change the controller{offset}"]  # else the input is to blame
     change = " or ".join([*ways, "relax the limit"] if breakable(found.kpis) else ways)
     due = f"{change}: " if change else ""
     drawn = "" if tried is None else f"{tried.nominal or 'none'} of {tried.count} tunings drawn at random"
@@ -327,7 +329,7 @@ def _another(found: Verification, scenario: Scenario, robust: bool) -> str:
             f"of the ranges do, with {100 * CONFIDENCE:g} % confidence)"
         )
     elif stuck:
-        names = " and ".join(f"{e.factor.name} ({_range(e.factor)})" for e in stuck)
+        names = join_words([f"{e.factor.name} ({_range(e.factor)})" for e in stuck])
         alone = "each alone make" if len(stuck) > 1 else "alone makes"
         first = f"{due}{names} {alone} this tuning fail, and each of the {drawn} that hold nominally"
     elif found.holds_as_stated and not robust:  # on other plants, too: robust studies vary nothing else
@@ -337,7 +339,7 @@ def _another(found: Verification, scenario: Scenario, robust: bool) -> str:
         only = f"the study was robust: it varies the plant and the seed of its noise; {tighter}{change}"
         first = only if change else ""
     elif most := [*takewhile(lambda factor: not factor.robust, lost)][:_SHOWN]:
-        names = " and ".join(f"{factor.name}{_name_delay_margin(found, factor)}" for factor in most)
+        names = join_words([f"{factor.name}{_name_delay_margin(found, factor)}" for factor in most])
         breaks = "each alone break" if len(most) > 1 else "alone breaks"
         first = f"{due}{names} {breaks} it most, which no robust study varies"
     else:

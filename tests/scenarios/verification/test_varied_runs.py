@@ -916,12 +916,13 @@ def test_plants_that_no_input_can_hold_are_counted_apart_and_named():
     assert [places.count(place) for place in ("start", "target")] == [len(start), len(at_target)]
     for run in start:
         assert run.unheld.needs == pytest.approx(steady(run, 8.56), abs=0.01)
-    words = (
-        f"Not counted: {len(found.unheld)} of 24 varied plants, which cannot rest, whatever the tuning: "
-        f"{len(start)} at the start and {len(at_target)} at the target, within the range of coolant "
+    words = f"Not counted: {len(found.unheld)} of 24 varied plants, which cannot rest, whatever the tuning"
+    assert f"{words}. " in found.headline
+    where = (
+        f"{words}: {len(start)} at the start and {len(at_target)} at the target, within the range of coolant "
         "temperature "
     )
-    assert words in found.headline
+    assert where in found.apart
     assert f"of {24 - len(found.unheld)} runs keep the stated limits" in found.statement
     assert "that an input can hold" in found.statement
     said = Verified.of(found, scenario, "", "1.0", "")

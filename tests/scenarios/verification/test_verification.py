@@ -34,7 +34,7 @@ from prefcal_scenarios.described.lqr_scenario import lqr_scenario
 from prefcal_scenarios.described.pid_scenario import pid_scenario
 from prefcal_scenarios.names import CLOSED_LOOPS
 from prefcal_scenarios.verification import verify
-from prefcal_scenarios.verification.loop_margins import margins_at, margins_said
+from prefcal_scenarios.verification.loop_margins import margins_at, margins_said, remaining
 from prefcal_scenarios.verification.result import VerifiedRun
 from prefcal_scenarios.verification.said import BEST, FILE, Verified, WorstRun
 from prefcal_scenarios.verification.varied_runs import Perturbed, runs_kept
@@ -518,8 +518,11 @@ def test_margins_of_a_plant_that_is_not_linear_are_those_of_the_target_too():
         assert at.M_s == pytest.approx(1 / (1 - 1 / gain), rel=1e-6)
     assert found.margin_verdict == (
         "No limit on a margin is stated. Usual are M_s ≤ 2, gain ≥ 6 dB, phase ≥ 30°: the nominal loop has "
-        "them all. At its target, it does not have M_s ≤ 2 or gain ≥ 6 dB."
+        "them all. At its target, it does not have M_s ≤ 2 or gain ≥ 6 dB. It has no integral action: 32 % "
+        "or more of a lasting disturbance at its input stays."
     )
+    # By hand: 1 / (1 + L(1)), L(1) = K b / (1 - a) = 13 · 0.004 / rate; it is 49 % at the start.
+    assert remaining(found.tuning.margins) == pytest.approx(1 / (1 + 13 * 0.004 / 0.025), rel=1e-3)
     rows, basis = margins_said([found.tuning.margins], "s")
     assert rows[:2] == (("gain margin at the start [dB]", "6.36"), ("gain margin at the target [dB]", "5.86"))
     assert basis.endswith("point: its start is level 1 m, valve 25 %, its target level 4 m, valve 50 %")
