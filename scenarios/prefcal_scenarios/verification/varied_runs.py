@@ -201,13 +201,11 @@ def _apart(
 ) -> tuple[list[Robustness], tuple[VerifiedRun, ...]]:
     """Return tunings with those of their runs that count, and the runs of the first that do not.
 
-    Plants that no input within its range can hold say nothing of a tuning: all of them stand apart if one
-    of them fails, whether others hold or not, so that what counts is chosen by the plant alone.
+    Plants that no input within its range can hold say nothing of a tuning: they stand apart whether it
+    holds there or not, so that what counts is chosen by the plant alone.
     """
-    noted, lost = list[VerifiedRun](), set[int]()
-    if any(_noted(known, run).unheld for run in runs[0] if run.problems):
-        noted = [_noted(known, run) for run in runs[0]]
-        lost = {k for k, run in enumerate(noted) if run.unheld}
+    noted = [_noted(known, run) for run in runs[0]]
+    lost = {k for k, run in enumerate(noted) if run.unheld}
     counted = [tuple(run for k, run in enumerate(made) if k not in lost) for made in runs]
     held = [replace(t, runs=made) for t, made in zip(tunings, counted, strict=False)]
     return held, tuple(run for run in noted if run.unheld)
