@@ -102,6 +102,7 @@ def best_as_json(record: StudyRecord) -> str:
         "experiment": best.number,
         "before": _before(record),
         **({"kept": dict(record.kept)} if record.kept else {}),
+        **_keeping(record),
         "origin": record.origin,
         "experiments": len(record.trials),
         "complete": not record.stopped,
@@ -128,6 +129,21 @@ def _before(record: StudyRecord) -> dict[str, Any]:
         "theta": scenario.space.named(theta),
         "settings": {} if scenario.settings is None else scenario.settings(theta),
     }
+
+
+def _keeping(record: StudyRecord) -> dict[str, Any]:
+    """Return the first experiment that keeps all limits, if the best one does not and one does."""
+    limited = [kpi for kpi in record.kpis if kpi.met(0.0) is not None]
+    good = (
+        trial
+        for trial in record.trials
+        if not trial.experiment.end.interrupted and all(kpi.met_by(trial.experiment) for kpi in limited)
+    )
+    first = next(good, None)
+    if first is None or all(kpi.met_by(record.result.experiment) for kpi in limited):
+        return {}
+    named = record.scenario.space.named(first.experiment.theta)
+    return {"keeping": {"what": f"experiment {first.number}", "theta": named}}
 
 
 def load_controller(path: str | Path, *, check: bool = True) -> Controller:
@@ -308,6 +324,9 @@ def tuning_of(path: str | Path) -> BestTuning:
     known = None if start is None else _values(scenario, start, path)
     if known is not None and (known == theta).all():
         known = None  # its runs would say all twice
+    if keeping := content.get("keeping", {}):  # a verification tries it, as it does the references
+        others = {str(keeping.get("what")): _values(scenario, keeping.get("theta"), path)}
+        scenario = replace(scenario, references={**others, **scenario.references})
     kpis = {name: value for name, value in content.get("kpis", {}).items() if is_number(value)}
     source, end = _source(content, path), _end(content, path)
     robust = content.get("study", {}).get("robust") == "yes"
@@ -404,7 +423,10 @@ def jsonable(value: Any) -> Any:
     return value if isinstance(value, (bool, int, float, str, type(None))) else str(value)
 
 
-_KINDS = {"scenario": str, **dict.fromkeys(("units", "ranges", "kpis", "before", "origin", "study"), dict)}
+_KINDS = {
+    "scenario": str,
+    **dict.fromkeys(("units", "ranges", "kpis", "before", "origin", "study", "keeping"), dict),
+}
 """Type of what is read of a best.json, where it is there."""
 
 

@@ -26,6 +26,7 @@ from prefcal_env.errors import ScenarioError, SettingsError, StaleError
 from prefcal_env.experiments.experiment import Channel, Channels, Measurement
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.names import CLOSED_LOOPS
+from prefcal_scenarios.scenario import KPI
 from toy_study import TOY_FILE, toy_record
 
 
@@ -208,6 +209,25 @@ def test_what_another_program_writes_anew_is_no_change_by_hand(best):
         {"settings": {"on": True, "T_f": None, "N": 10.0}, "theta": {"a": 0.1, "b": 2}}
     )
     assert written_as(said) != written_as({**said, "theta": {"b": 2.0, "a": 0.2}})
+
+
+def test_the_first_experiment_that_keeps_all_limits_is_known_where_the_best_one_does_not(tmp_path):
+    record = toy_record()
+    own = record.result.experiment
+    name, other = next(
+        (name, trial)
+        for name in own.kpis
+        for trial in record.trials
+        if not trial.experiment.end.interrupted and trial.experiment.kpis[name] > own.kpis[name]
+    )
+    limit = KPI(name, "limited", at_least=other.experiment.kpis[name])
+    strict = replace(record, scenario=replace(record.scenario, kpis=(limit,)))
+    first = next(t for t in record.trials if limit.met_by(t.experiment) and not t.experiment.end.interrupted)
+    (tmp_path / "best.json").write_text(best_as_json(strict), encoding="utf-8")
+    found = tuning_of(tmp_path / "best.json").scenario.references
+    assert next(iter(found)) == f"experiment {first.number}"
+    assert found[f"experiment {first.number}"].tolist() == first.experiment.theta.tolist()
+    assert "keeping" not in best_as_json(record)  # no limit is missed
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", "not json"])
