@@ -1,6 +1,6 @@
 """Stability margins of a sampled loop, broken at the plant's input, for any controller."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import islice
@@ -109,6 +109,7 @@ _SMALL = 1e-4  # size of the impulse, as a share of the input's range: far from 
 _LOOKS = tuple(64 * 2**k for k in range(9))
 """Numbers of samples after which to look whether a response has died out. After the last one, a
 slow loop counts as stable if the response still shrinks; its slowest part is continued, see `_tail`."""
+_ROUNDING = 1e-7  # share of an impulse that rounding can leave for good, where gains are large
 _NOTHING = 1e-6  # loop gain below which its phase is rounding: no gain that matters brings it to -1
 _STEADY = 100.0  # steady loop gain above which there may be integral action: it is infinite but for rounding
 
@@ -314,8 +315,12 @@ class _Start:
         model = sampled(self.J, make().T_s, self.delay)
         # A new controller for each sign: the memory of the first run would be in the second.
         both = [self._inputs(model, make(), sign * impulse, settle) for sign in (1, -1)]
-        rows: list[np.ndarray] = []
+        at_rest, _ = ([*islice(run, settle)] for run in both)
+        if _swings(at_rest, size):
+            return None
+        rows, ups = list[np.ndarray](), list[np.ndarray]()
         for up, down in zip(*both, strict=True):
+            ups.append(up)
             # Half the difference of both signs: what is even in the size, such as a curvature, cancels.
             rows.append((up - down) / (2 * size))
             if not np.abs(rows[-1]).max() < 1e5:
@@ -324,9 +329,12 @@ class _Start:
                 quarters = np.array_split(np.abs(rows).max(axis=1), 4)
                 first, _, before, late = (float(part.max()) for part in quarters)
                 # Died out: what is left could not be told from rounding.
-                if late <= 1e-9 * max(before, first):
+                died, last = late <= 1e-9 * max(before, first), len(rows) == _LOOKS[-1]
+                if (died or last) and _swings(ups, size):
+                    return None
+                if died:
                     break
-                if len(rows) == _LOOKS[-1] and not late < 0.9999 * before:
+                if last and late > _ROUNDING * first and not late < 0.9999 * before:
                     return None
         if not np.any(rows[1:]):
             self._check_answers(model, make(), j, 1e3 * impulse)
@@ -353,7 +361,7 @@ class _Start:
         *,
         lasting: bool = False,
     ) -> Iterator[np.ndarray]:
-        """Yield the deviations of the plant's inputs, (n_u,), from the impulse on, which may last."""
+        """Yield the deviations of the plant's inputs, (n_u,); an impulse comes after `settle`, or lasts."""
         n, z, du, T_s = len(self.x), np.zeros(len(model.A)), np.zeros(len(self.u)), model.dt
         for k in range(settle + _LOOKS[-1]):
             seen = model.C @ z
@@ -361,9 +369,20 @@ class _Start:
             move = controller.move(Measurement(k * T_s, x, self.u + du, self.d, self.y_ref, y))
             du = (move.u if move.solved else self.u + du) - self.u
             acting = du + impulse if k == settle or (lasting and k > settle) else du
-            if k >= settle:
-                yield acting
+            yield acting
             z = model.A @ z + model.B @ acting
+
+
+def _swings(rows: Sequence[Float[np.ndarray, " n_u"]], size: float) -> bool:
+    """Return whether inputs move by more than `size`, and hardly less later than before.
+
+    An unstable loop that has reached its limits, perhaps from rounding alone, shows no impulse any more: both
+    signs lead to the same cycle.
+    """
+    if len(rows) < _LOOKS[0]:
+        return False
+    *_, before, late = np.array_split(np.abs(np.diff(rows, axis=0)).max(axis=1), 4)
+    return bool(late.max() > size and late.max() >= 0.9 * before.max())
 
 
 def _loop_at(sensitivity: Response, i: int, frequency: float) -> complex:

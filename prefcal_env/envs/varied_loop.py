@@ -318,7 +318,7 @@ JITTER, _JITTER, _MOST = "sampling jitter", 0.1, 0.49
 """Largest jitter, as a share of the period: the usual and the possible one."""
 MOVE, SHIFT, REFERENCE, DIRECTION = "rate of the actuators", "start", "size of the step", "direction"
 TURN, STEP = "direction of the load", "start, size and direction of the step"
-LARGER, AHEAD, BACK = "a larger step", "a start nearer to the target", "a start farther from the target"
+LARGER, AHEAD, BACK = "a larger step", "start and target moved ahead", "start and target moved back"
 STEPPED = (REFERENCE, SHIFT, DIRECTION)
 IDENTIFIED = "identified: "
 """Begin of what the range of the noise follows from, if that is the noise of a record."""
@@ -365,7 +365,7 @@ class _Step:
             aims.append(float(y0[k]) + share * step)
             left = np.copysign(free, share) * step
             if limit := _beyond(c, aims[-1] + left):
-                near = "beyond" if _beyond(c, aims[-1]) else f"with {_in(abs(left), c)} or less left to"
+                near = "beyond" if _beyond(c, aims[-1]) else f"within {_in(abs(left), c)} of"
                 return f"{c.name} would go to {_in(aims[-1], c)}, {near} its limit of {limit}"
         found = rest(self.plant, x0, u0, d, [k for k, _ in self.targets], aims)
         goal = ", ".join(

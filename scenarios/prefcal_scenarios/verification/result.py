@@ -198,6 +198,11 @@ class Verification:
         return kept and self.tuning.margins != UNSTABLE
 
     @property
+    def holds(self) -> bool | None:
+        """Return whether nominal and random runs keep the stated limits; None without limits or runs."""
+        return self.sound and not self.failed if self.runs and breakable(self.kpis) else None
+
+    @property
     def stated(self) -> str:
         """Return what of the task is stated, though it varied, in words."""
         words = [*dict.fromkeys(_TASK.get(f.name, f.name) for f in self.unstated)]
@@ -248,17 +253,24 @@ class Verification:
     def apart(self) -> str:
         """Return how many random runs do not count, and where no input can hold their plants."""
         kept = sum(not run.problems for run in self.unheld)
-        said, found = list[str](), [run.unheld for run in self.unheld if run.unheld]
+        varied, said = {f.name for f in self.factors}, list[str]()
+        found = [run.unheld for run in self.unheld if run.unheld]
         for channel in self.inputs:
             own = [each for each in found if each.input == channel.name]
             counts = [(sum(each.place == place for each in own), place) for place in PLACES]
             places = " and ".join(f"{count} at the {place}" for count, place in counts if count)
             if own:
-                said.append(f"{places}, within the range of {channel.name} ({_needed(channel, own)})")
+                less = ", less where its range varies" * (f"range of {channel.name}" in varied)
+                said.append(f"{places}, within the range of {channel.name} ({_needed(channel, own)}{less})")
         unsafe = sum(run.end is End.UNSAFE for run in self.unheld)
         also = f"; {kept} of them keep the limits all the same" if kept else ""
         also += f"; {unsafe} of them end unsafe" if unsafe else ""
         return f"{self._set_apart}: {'; '.join(said)}{also}"
+
+    @property
+    def set_apart(self) -> tuple[LeftOut, ...]:
+        """Return what no input can hold, and why, if there is any."""
+        return (("plants that no input can hold", self.apart),) if self.unheld else ()
 
     @property
     def _set_apart(self) -> str:
@@ -442,7 +454,7 @@ class Verification:
         able = [kpi for kpi in self.kpis if kpi.goal != "target" and _miss_words(kpi) in missed]
         alone = [self._relax([kpi]) for kpi in able]
         together = self._relax(able)
-        more = len(able) > 1 and together[0] > max(held for held, _ in alone)
+        more = len(able) > 1 and together[0] >= max(held for held, _ in alone) + _CHANCE
         return tuple(words for _, words in [*alone, *([together] if more else [])] if words)
 
     def _relax(self, kpis: Sequence[KPI]) -> tuple[int, str]:
@@ -473,11 +485,14 @@ class Verification:
         )
 
     def _near(self, kpi: KPI, value: float) -> bool:
-        """Return whether a value that misses a limit is finite and no outlier, three times as far off."""
+        """Return whether a value that misses a limit is finite and no outlier, three times as far off.
+
+        Nor does anybody give up more than the limit itself, such as 140 s in place of 70 s.
+        """
         limit = kpi.at_least if np.isfinite(kpi.at_least) else kpi.at_most
         missed = [r.kpis[kpi.name] for r in self.failed if _miss_words(kpi) in r.problems]
         usual = float(np.median(np.abs(np.array(missed) - limit)))
-        return bool(np.isfinite(value) and abs(value - limit) <= 3 * usual)
+        return bool(np.isfinite(value) and abs(value - limit) <= min(3 * usual, abs(limit) or np.inf))
 
     @property
     def never(self) -> tuple[str, ...]:
@@ -507,6 +522,11 @@ class Verification:
             return lost, effect.doubled, effect.worsening, len(effect.run.problems)
 
         return tuple(sorted((max(pair, key=badness) for pair in both), key=badness, reverse=True))
+
+    @property
+    def lost_by(self) -> tuple[str, ...]:
+        """Return the names of the factors by which a limit is lost, as `effects` has them."""
+        return tuple(each.factor.name for each in self.effects if np.isinf(each.worsening))
 
     @property
     def breaking(self) -> tuple[Effect, ...]:
@@ -547,7 +567,9 @@ class Verification:
                 low, high = self.tuning.quantiles(kpi.name)
                 span = max(abs(high - low), 1e-9 * abs(there), 1e-300)
                 doubled = here > 2 * there if there >= 0 else there < min(2 * here, 0)  # or halved
-                yield (here - there) / span if np.isfinite(span) else 0.0, doubled, kpi.title
+                # Where the range ends at "never", the nominal value is what a change is a share of.
+                span = span if np.isfinite(span) else abs(there) or 1.0
+                yield min((here - there) / span, 1e300), doubled, kpi.title
 
 
 def _needed(channel: Channel, found: Sequence[Unheld]) -> str:

@@ -54,19 +54,30 @@ class WorstRun:
 
     words: str  # which stated limits it loses, or that it holds
     # values that differ from the nominal ones, by name: those of the step first, which a
-    # picture shows, then the one that moved most within its range
+    # picture shows, then what breaks the tuning alone, then what moved most within its range
     values: dict[str, float]
     seed: int  # seed of the run
     verdict: str = ""  # "acceptable" or "not acceptable"; "" if nobody was asked
     units: dict[str, str] = field(default_factory=dict)  # units of the values by name, those that have one
 
     @classmethod
-    def of(cls, run: VerifiedRun, words: str, factors: Sequence[Factor]) -> "WorstRun":
-        """Return one of the worst runs, with what it misses in words, and the factors that varied."""
+    def of(
+        cls,
+        run: VerifiedRun,
+        words: str,
+        factors: Sequence[Factor],
+        *,
+        breaking: Collection[str] = (),
+        idle: Collection[str] = (),
+    ) -> "WorstRun":
+        """Return one of the worst runs, with what it misses in words, and the factors that varied.
 
-        def moved(f: Factor) -> tuple[bool, float]:
+        Those are named first that are `breaking` alone, and those last that are `idle` alone, by name.
+        """
+
+        def moved(f: Factor) -> tuple[bool, bool, bool, float]:
             share = abs(run.values[f.name] - f.nominal) / max(f.high - f.nominal, f.nominal - f.low)
-            return f.name in STEPPED and share > 0, share
+            return f.name in STEPPED and share > 0, f.name in breaking, f.name not in idle, share
 
         values = {f.name: run.values[f.name] for f in sorted(factors, key=moved, reverse=True)}
         words = words if run.problems else f"most different from nominal, but {words}"
@@ -118,6 +129,8 @@ class Verified:
     breaking: tuple[str, ...] = ()  # names of the factors that lose a limit alone, as in `effects`
     seed: int = 0  # seed of the variations
     apart: int = 0  # number of random runs that do not count, since no input can hold their plants
+    holds: bool | None = None  # whether all keep the stated limits; None without limits or runs
+    keeps_margins: bool | None = None  # whether the nominal loop keeps those on margins; None if unknown
 
     @property
     def made(self) -> int:
@@ -137,8 +150,7 @@ class Verified:
     ) -> "Verified":
         """Return what a verification of a scenario's tuning says, and of a `robust` study; see the class."""
         both = [found.tuning, *([found.before] if found.before else [])]
-        apart = (("plants that no input can hold", found.apart),) if found.unheld else ()
-        margins, basis = margins_said([each.margins for each in both], found.tuning.time_unit)
+        margins = margins_said([each.margins for each in both], found.tuning.time_unit)
         return cls(
             headline=found.headline,
             statement=found.statement + _compare_before(found, baseline),
@@ -151,19 +163,21 @@ class Verified:
             planned=found.planned,
             baseline=baseline if found.before else "",
             kpis=tuple(_kpi_row(kpi, both) for kpi in found.kpis),
-            margins=margins,
-            basis=basis,
+            margins=margins[0],
+            basis=margins[1],
             effects=tuple(_effect(each, found) for each in found.effects),
-            worst=tuple(WorstRun.of(run, found.words(run), found.factors) for run in found.worst()),
+            worst=tuple(_worst(found)),
             varied=tuple((f.name, _range(f), _kind(f, found.idle)) for f in found.factors),
-            left_out=(*found.left_out, *apart),
+            left_out=(*found.left_out, *found.set_apart),
             scenario=found.scenario,
             version=version,
             best=best,
             misses=_first_of(found.misses),
-            breaking=tuple(each.factor.name for each in found.effects if np.isinf(each.worsening)),
+            breaking=found.lost_by,
             seed=found.seed,
             apart=len(found.unheld),
+            holds=found.holds,
+            keeps_margins=None if isinstance(found.tuning.margins, str) else not found.misses_margin,
         )
 
     @property
@@ -171,7 +185,7 @@ class Verified:
         """Return what the factors do that hurt most, and which others lose a limit alone, a text each."""
         shown = max(_SHOWN, min(len(self.breaking), _MOST))
         more = self.breaking[shown:]
-        others = f"{len(more)} more lose a limit alone: {', '.join(more)}"
+        others = f"{len(more)} more lose{'s' * (len(more) == 1)} a limit alone: {', '.join(more)}"
         none = self.misses and self.effects and not self.breaking
         first = ["no factor alone loses a limit that the nominal run keeps"] if none else []
         return (*first, *self.effects[:shown], *([others] if more else []))
@@ -224,6 +238,13 @@ class Verified:
             raise ScenarioError(f"cannot write {str(path)!r}: {error}. Not kept: {self.statement}") from error
 
 
+def _worst(found: Verification) -> Iterator[WorstRun]:
+    """Yield the worst random runs, the worst first."""
+    for run in found.worst():
+        words = found.words(run)
+        yield WorstRun.of(run, words, found.factors, breaking=found.lost_by, idle=found.idle)
+
+
 def _first_of(misses: Sequence[str]) -> tuple[str, ...]:
     """Return as many limits that are missed as people read, and how many more there are."""
     more = len(misses) - _MOST
@@ -262,7 +283,8 @@ def _next(found: Verification, scenario: Scenario, baseline: str, robust: bool) 
         alone if found.holds_as_stated else "",
         _another(found, scenario, robust) if scenario.simulated else "",
     )
-    return (*filter(None, every), *found.advice)
+    relaxed = () if before else found.advice  # where a better tuning is known, no limit has to go
+    return (*filter(None, every), *relaxed)
 
 
 def _before(found: Verification, scenario: Scenario, baseline: str) -> str:
@@ -334,17 +356,38 @@ def _another(found: Verification, scenario: Scenario, robust: bool) -> str:
         first = f"{due}{names} {alone} this tuning fail, and each of the {drawn} that hold nominally"
     elif found.holds_as_stated and not robust:  # on other plants, too: robust studies vary nothing else
         first = ""
+    elif robust and not found.limiting and (varied := [factor.name for factor in lost if factor.robust]):
+        first = (
+            f"the study was robust, but its result fails with {join_words(varied)} alone: continue it, or "
+            f"repeat its command with a larger --simulate{f'; if none holds, {change}' if change else ''}"
+        )
     elif robust:
         tighter = "start one with tighter limits, or " if breakable(found.kpis) else ""
         only = f"the study was robust: it varies the plant and the seed of its noise; {tighter}{change}"
         first = only if change else ""
-    elif most := [*takewhile(lambda factor: not factor.robust, lost)][:_SHOWN]:
-        names = join_words([f"{factor.name}{_name_delay_margin(found, factor)}" for factor in most])
-        breaks = "each alone break" if len(most) > 1 else "alone breaks"
-        first = f"{due}{names} {breaks} it most, which no robust study varies"
     else:
-        first = _elsewhere(found, scenario, f" ({drawn} hold nominally)" if drawn else "")
+        first = _look_robustly(found, scenario, lost, due, f" ({drawn} hold nominally)" if drawn else "")
     return first
+
+
+def _look_robustly(
+    found: Verification, scenario: Scenario, lost: Sequence[Factor], due: str, drawn: str
+) -> str:
+    """Return that a robust study may help, given what loses limits alone; or what else is `due`.
+
+    Such a study looks for room on other plants. That also helps against what it does not vary, if some of
+    the tunings that were drawn bear that.
+    """
+    first = _elsewhere(found, scenario, drawn)
+    most = [*takewhile(lambda factor: not factor.robust, lost)][:_SHOWN]
+    if not most:
+        return first
+    names = join_words([f"{factor.name}{_name_delay_margin(found, factor)}" for factor in most])
+    breaks = f"{names} alone break{'s' * (len(most) == 1)} this one most"
+    if not (left := found.others.alone.get(most[0].name, 0) if found.others else 0):
+        return f"{due}{breaks}, which no robust study varies"
+    bear = f"{left} of the tunings that hold nominally bear {most[0].name}"
+    return f"{first}; it does not vary all that hurts: {breaks}, but {bear}"
 
 
 def _name_delay_margin(found: Verification, factor: Factor) -> str:

@@ -1,6 +1,7 @@
 """LQR and margins, against python-control, systems whose margins are known, and laws as they run."""
 
 import json
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -372,6 +373,22 @@ def test_a_dead_band_has_no_margins_and_a_gain_of_0_has_all():
 def test_an_unstable_loop_has_no_margins():
     made, plant = partial(PID, 60.0, 3.0, T_s=0.1), Plant.of(LAGS)
     assert margins(plant, at_rest(plant), made) is UNSTABLE
+
+
+UNLUCKY = (13.334517819826125, 1.9012559111597516, 8.675713287676295, 0.5604964436423991)
+
+
+def test_a_loop_that_rests_at_the_limits_of_its_input_before_the_impulse_is_not_stable():
+    """It grows from rounding alone, and ends in the same cycle whatever the impulse: that is no dead band."""
+    valve = Channel("valve", "%", low=0, high=100)
+    plant = Plant.of(([1.6], [320, 48, 1]), delay=7.0, inputs=[valve])
+    middle = Task(np.zeros(2), np.array([50.0]), np.zeros(1), horizon=100.0)
+    task = replace(middle, x0=np.linalg.solve(plant.system.A, -plant.system.B @ middle.u0))
+    K_p, T_i, T_d, b = UNLUCKY
+    for factor, stable in ((0.05, True), (1.0, False), (1.1, False), (5.0, False), (20.0, False)):
+        made = partial(PID, factor * K_p, 20 * T_i, T_d, b=b, T_s=1.0, low=0.0, high=100.0)
+        assert (margins(plant, task, made) != UNSTABLE) == stable, factor
+    assert margins(plant, task, partial(PID, K_p, T_i, T_d, b=b, T_s=1.0, low=0.0, high=100.0)) == UNSTABLE
 
 
 def test_an_input_at_its_limit_has_no_linear_law():

@@ -227,15 +227,15 @@ def test_near_a_limit_the_rest_of_the_step_varies_and_the_limit_is_named():
         (-0.5, 0.0),
         (-1.0, 1.0),
     )
-    limit = "with 13 °C or less left to its limit of 61 °C"
+    limit = "within 13 °C of its limit of 61 °C"
     assert left_out["a larger step"] == f"temperature would go to 52 °C, {limit}"
-    assert left_out["a start nearer to the target"] == f"temperature would go to 57 °C, {limit}"
+    assert left_out["start and target moved ahead"] == f"temperature would go to 57 °C, {limit}"
     varied, left_out = near(-np.inf, 66.0)
     assert (varied["size of the step"], varied["start"]) == ((0.8, 1.2), (-0.5, 0.0))
     assert "a larger step" not in left_out
     varied, left_out = near(36.0, np.inf)
     assert (varied["size of the step"], varied["start"]) == ((0.8, 1.2), (0.0, 0.5))
-    assert left_out["a start farther from the target"] == (
+    assert left_out["start and target moved back"] == (
         "temperature would go to 35 °C, beyond its limit of 36 °C"
     )
     assert left_out["direction"] == ("temperature would go to 28 °C, beyond its limit of 36 °C")
