@@ -279,6 +279,10 @@ class Remembered(Generic[Known]):
         """Return whether what is known of `history` is in memory, so that it takes no time."""
         return history.key in self._known
 
+    def known(self, history: History) -> Known | None:
+        """Return what is known of `history` if it is in memory."""
+        return self._known.get(history.key)
+
 
 @final
 class Stages(Generic[Known]):

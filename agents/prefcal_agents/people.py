@@ -552,14 +552,15 @@ class Lessons:
             np.append(self.strength, others.strength),
         )
 
-    def unite(self, others: "Lessons") -> tuple["Lessons", Int[np.ndarray, " b"]]:
-        """Return these answers, then those of `others` that are none of them, and where `others` are."""
-        joined, known = self.join(others), dict[bytes, int]()
-        pairs = np.hstack([joined.logs[joined.better], joined.logs[joined.worse], joined.tie[:, None]])
-        first = [known.setdefault(pair.tobytes(), place) for place, pair in enumerate(pairs)]
-        wanted = np.array([*range(len(self)), *first[len(self) :]], dtype=np.int64)
-        kept, places = np.unique(wanted, return_inverse=True)
-        return joined.take(kept), places[len(self) :]
+    def shared(self, others: "Lessons") -> int:
+        """Return how many answers are those of `others`, from the first one on."""
+        count = min(len(self), len(others))
+        (ours, own), (theirs, other) = (
+            (each.logs[each.better[:count]], each.logs[each.worse[:count]]) for each in (self, others)
+        )
+        same = (ours == theirs).all(axis=1) & (own == other).all(axis=1)
+        same &= self.tie[:count] == others.tie[:count]
+        return int(np.argmin(np.append(same, False)))
 
     def first(self, count: int) -> "Lessons":
         """Return the first `count` answers, about the same experiments."""
@@ -574,58 +575,76 @@ class Lessons:
         better, worse = np.split(rows, 2)
         return Lessons(self.logs[shown], better, worse, self.tie[answers], self.strength[answers])
 
-    def log_probabilities(self, utilities: Utilities) -> Float[np.ndarray, "s a"]:
-        """Return the logarithm of the probability of each answer by each draw, shape (s, a)."""
-        # In parts of 8 MB, which stay in the cache: of a long study, all differences are 150 MB.
-        count = 1 + len(utilities) * len(self) * utilities.used // 2**20
-        found = [utilities.take(rows) for rows in np.array_split(np.arange(len(utilities)), count)]
-        return np.vstack([some.log_answers(self.differences(some), self.tie) for some in found])
-
     def differences(self, utilities: Utilities) -> Float[np.ndarray, "c s a"]:
-        """Return how much better one experiment of each answer is, see `Utilities.differences`."""
-        found, counted = np.zeros((2 * self.logs.shape[1], len(utilities), len(self))), utilities.counted
+        """Return how much better one experiment of each answer is, by the parts that are used.
+
+        See `Utilities.differences`.
+        """
+        found, counted = np.zeros((utilities.used, len(utilities), len(self))), utilities.counted
         for part in utilities.parts:  # of a long study, all levels at once would be another 70 MB
             level = utilities.level(self.logs, part)
             found[part] = _subtract(level, self.better, self.worse, counted[part])
         return found
 
 
-def update(
-    before: Utilities,
-    old: Lessons,
-    new: Lessons,
-    scale: Scale,
-    rng: np.random.Generator,
-    mistakes: Mistakes = REAL,
-) -> Utilities:
-    """Return draws given the answers `new`, from draws given the answers `old`.
+@dataclass(frozen=True, eq=False, slots=True)
+class Posterior:
+    """Draws given answers, and what each of them says of each answer.
 
-    Source: N. Chopin, "A sequential particle filter method for static models" (2002): draws are
-    repeated by how well they explain the new answers, then moved by Metropolis steps.
-    Deviation: proposals draw from the distribution before any answer, so that the likelihood alone
-    decides.
+    Args:
+        utilities: s draws.
+        lessons: The answers.
+        apart: How much better one experiment of each answer is, see `Utilities.differences`, (c, s, a).
+        logs: Logarithm of the probability of each answer, see `Utilities.log_answers`, shape (s, a).
     """
-    # Only the ratio: the draws already follow the old answers, which may change, too, when one is retracted.
-    # Most old answers are new ones, too: in a long study, to work them out twice takes a tenth of a second.
-    united, of_old = new.unite(old)
-    apart, count = united.differences(before), len(new)
-    logs = before.log_answers(apart, united.tie)
-    gained = np.ascontiguousarray(logs[:, :count]) @ new.strength - logs.take(of_old, axis=1) @ old.strength
-    shares = np.cumsum(np.exp(gained - gained.max()))
-    # Systematic: one random number for all, so that a draw is repeated as often as it should be, to within
-    # one.
-    places = (rng.random() + np.arange(len(before))) / len(before) * shares[-1]
-    rows = np.minimum(np.searchsorted(shares, places), len(before) - 1)
-    rows = rng.permutation(rows)
-    told = _Told(united.first(count), apart[: before.used, :, :count].take(rows, axis=1))
-    return _move(before.take(rows), told, logs[:, :count].take(rows, axis=0), scale, rng, mistakes)
+
+    utilities: Utilities
+    lessons: Lessons
+    apart: Float[np.ndarray, "c s a"]
+    logs: Float[np.ndarray, "s a"]
+
+    @classmethod
+    def of(cls, utilities: Utilities, lessons: Lessons) -> "Posterior":
+        """Return what draws, which are given the answers already, say of them."""
+        apart = lessons.differences(utilities)
+        return cls(utilities, lessons, apart, utilities.log_answers(apart, lessons.tie))
+
+    def update(
+        self, new: Lessons, scale: Scale, rng: np.random.Generator, mistakes: Mistakes = REAL
+    ) -> "Posterior":
+        """Return draws given the answers `new` instead. Those that both begin with are not worked out again.
+
+        Source: N. Chopin, "A sequential particle filter method for static models" (2002): draws are
+        repeated by how well they explain the new answers, then moved by Metropolis steps.
+        Deviation: proposals draw from the distribution before any answer, so that the likelihood alone
+        decides.
+        """
+        before, kept = self.utilities, new.shared(self.lessons)
+        fresh = new.take(np.arange(kept, len(new)))
+        apart = fresh.differences(before)
+        logs = np.hstack([self.logs[:, :kept], before.log_answers(apart, fresh.tie)])
+        # Only the ratio: the draws already follow the old answers, which may change, too, when one is
+        # retracted.
+        gained = logs @ new.strength - self.logs @ self.lessons.strength
+        shares = np.cumsum(np.exp(gained - gained.max()))
+        # Systematic: one random number for all, so that a draw is repeated as often as it should be, to
+        # within one.
+        places = (rng.random() + np.arange(len(before))) / len(before) * shares[-1]
+        rows = np.minimum(np.searchsorted(shares, places), len(before) - 1)
+        rows = rng.permutation(rows)
+        both = np.empty((len(apart), *logs.shape))
+        for part, added in enumerate(apart):  # of a long study, all at once would be another 50 MB
+            both[part, :, :kept] = self.apart[part].take(rows, axis=0)[:, :kept]
+            both[part, :, kept:] = added.take(rows, axis=0)
+        return _move(Posterior(before.take(rows), new, both, logs.take(rows, axis=0)), scale, rng, mistakes)
 
 
 def learn(before: Utilities, lessons: Lessons, scale: Scale, rng: np.random.Generator) -> Utilities:
     """Return draws given all answers of `lessons`, one after the other."""
+    given = Posterior.of(before, lessons.first(0))
     for count in range(len(lessons)):
-        before = update(before, lessons.first(count), lessons.first(count + 1), scale, rng)
-    return before
+        given = given.update(lessons.first(count + 1), scale, rng)
+    return given.utilities
 
 
 _TELLING = 64
@@ -650,42 +669,31 @@ class _Told(NamedTuple):
         others = float(self.lessons.strength.sum() - few.strength.sum())
         return _Told(few, self.apart.take(rows, axis=2), others)
 
-    def bound(
+    def change(
         self,
         tried: Utilities,
         rows: Int[np.ndarray, " r"],
         part: Int[np.ndarray, " q"],
         draw: Int[np.ndarray, " q"],
-    ) -> tuple[Float[np.ndarray, " r"], Float[np.ndarray, "q a"]]:
-        """Return the largest log likelihood that draws `rows` can have, and what was changed.
+    ) -> tuple[Float[np.ndarray, "r a"], Float[np.ndarray, "q a"]]:
+        """Return `Utilities.log_answers` of draws `rows`, and what was changed, shapes (r, a) and (q, a).
 
-        They have the shapes (r,) and (q, a). Without other answers, it is the log likelihood. In `apart`,
-        parts `part` of the draws `draw` change.
+        In `apart`, parts `part` of the draws `draw` change.
         """
-        (given, apart, others), counted = self, tried.counted[part, draw]
+        (given, apart, _), counted = self, tried.counted[part, draw]
         changed = _subtract(tried.level(given.logs, part, draw), given.better, given.worse, counted)
         before, apart[part, draw] = apart[part, draw], changed
         every = len(rows) == len(tried)
         after, some = (apart, tried) if every else (apart.take(rows, axis=1), tried.take(rows))
-        found = some.log_answers(after, given.tie) @ given.strength
-        # None of the others is more probable than if explained for sure. The last term covers rounding.
-        if others:
-            found += others * np.log1p(-some.errors * 2.0 / 3.0) + 1e-6
-        return found, before
+        return some.log_answers(after, given.tie), before
 
 
-def _move(
-    utilities: Utilities,
-    told: _Told,
-    logs: Float[np.ndarray, "s a"],
-    scale: Scale,
-    rng: np.random.Generator,
-    mistakes: Mistakes,
-) -> Utilities:
-    """Return draws after Metropolis steps. Only what a step changes is computed again, in `told`.
+def _move(given: Posterior, scale: Scale, rng: np.random.Generator, mistakes: Mistakes) -> Posterior:
+    """Return the draws after Metropolis steps. Only what a step changes is computed again, in `given`.
 
-    `logs` are `Utilities.log_answers`. Of a long study, a step that a few answers refuse meets no other.
+    Of a long study, a step that a few answers refuse meets no other.
     """
+    utilities, logs, told = given.utilities, given.logs, _Told(given.lessons, given.apart)
     count, k = utilities.normals.shape
     stages = [told.worst(logs), told] if len(told.lessons) > 2 * _TELLING else [told]
     likely = logs @ told.lessons.strength
@@ -701,18 +709,22 @@ def _move(
         least, found = np.log(rng.random(count)) + likely, []
         for stage in stages:
             part, draw, rows = part[left[draw]], draw[left[draw]], np.flatnonzero(left)
-            most, before = stage.bound(tried, rows, part, draw)
+            each, before = stage.change(tried, rows, part, draw)
+            most = each @ stage.lessons.strength
+            # None of the others is more probable than if explained for sure. The last term covers rounding.
+            if stage.others:
+                most += stage.others * np.log1p(-tried.errors[rows] * 2.0 / 3.0) + 1e-6
             found.append((stage.apart, part, draw, before))
             left[rows] = most > least[rows]
-        likely[left] = most[left[rows]]
+        likely[left], logs[left] = most[left[rows]], each[left[rows]]
         for apart, part, draw, before in found:
             refused = ~left[draw]
             apart[part[refused], draw[refused]] = before[refused]
         utilities = utilities.where(left, tried)
-    return utilities
+    return replace(given, utilities=utilities)
 
 
-def explains(history: History, bank: Bank, scale: Scale, utilities: Utilities) -> bool:
+def explains(history: History, given: Posterior) -> bool:
     """Return whether KPIs predict the answers about as well as θ does, or too few are known.
 
     Source: A. E. Gelfand, D. K. Dey, H. Chang, "Model determination using predictive
@@ -720,17 +732,13 @@ def explains(history: History, bank: Bank, scale: Scale, utilities: Utilities) -
 
     Args:
         history: Samples and answers.
-        bank: KPIs of all samples, and of others.
-        scale: How the KPIs are measured.
-        utilities: Draws of what the person wants, given the answers.
+        given: Draws of what the person wants, given these answers first.
     """
     lessons = history.lessons
     if len(lessons) < AFTER or not any(c.answer.preference for c in lessons):
         return True
-    known = Lessons.of(bank, scale, history)
-    strict = ~known.tie
-    strict[len(lessons) :] = False  # those that marks make are no answers
-    logs = known.log_probabilities(utilities)[:, strict]
+    # Those that marks make are no answers.
+    logs = given.logs[:, np.flatnonzero(~given.lessons.tie[: len(lessons)])]
     # Each answer predicted from the others: the harmonic mean over draws given all answers.
     by_kpis = float(np.sum(np.log(len(logs)) - logsumexp(-logs, axis=0)))
     # By 2 nats: a smaller difference may be chance. The process takes 3 % of the answers for mistakes.

@@ -18,7 +18,7 @@ from prefcal_agents.people import (
     AFTER,
     LOOK,
     Bank,
-    Lessons,
+    Posterior,
     Utilities,
     clearly_apart,
     expected_best,
@@ -179,13 +179,16 @@ def _experiments(size: float, most: int) -> tuple[float, float, float]:
     return low, middle, high
 
 
-def evidence(stage: Stage, best: int, history: History, *, explained: bool) -> Evidence:
+def evidence(
+    stage: Stage, best: int, history: History, given: Posterior, *, explained: bool
+) -> Evidence:
     """Return what draws and answers say of row `best` of the bank.
 
     Args:
         stage: What is known after `history`.
         best: Row of the result.
         history: Samples and answers, one answer or more.
+        given: What the draws of the stage say of these answers.
         explained: As in `Evidence`.
     """
     draws = stage.utilities.some(len(stage.costs))
@@ -194,7 +197,7 @@ def evidence(stage: Stage, best: int, history: History, *, explained: bool) -> E
     # Only what was not shown yet can be the most promising one.
     chances[stage.bank.rows([sample.theta for sample in history.samples[: history.answered]])] = 0.0
     row = int(np.argmax(chances))
-    held, predicted = _foretell(draws, Lessons.of(stage.bank, stage.scale, history), history)
+    held, predicted = _foretell(given, draws, history)
     return Evidence(
         answers=len(history.lessons),
         better=float(better.mean()),
@@ -222,22 +225,22 @@ def _better(draws: Utilities, logs: Float[np.ndarray, "m k"], best: int) -> Bool
     return found
 
 
-def _foretell(draws: Utilities, lessons: Lessons, history: History) -> tuple[float, float]:
-    """Return `held` and `predicted` of `Evidence`.
+def _foretell(given: Posterior, draws: Utilities, history: History) -> tuple[float, float]:
+    """Return `held` and `predicted` of `Evidence` by some of the draws that are given the answers.
 
     Source: A. E. Gelfand, D. K. Dey, H. Chang, "Model determination using predictive
     distributions" (1992): draws given all answers tell one of them by the others, if each draw
     counts by the inverse of the probability that it gives to that answer.
     """
     count = len(history.lessons)  # those that marks make are no answers
-    logs = lessons.log_probabilities(draws)[:, :count]
+    every = slice(None, None, len(given.utilities) // len(draws))  # as `Utilities.some`
+    logs = given.logs[every, :count]
     inverse = logsumexp(-logs, axis=0)
-    lost = np.arange(count - lost_since(history), count)
+    lost = slice(count - lost_since(history), count)
     # Importance weights of the posterior without each answer: 1 over the probability of that answer.
     shares = np.exp(-logs[:, lost] - inverse[lost])
-    since = lessons.take(lost)
-    gain = draws.gain(since.differences(draws))
-    of_challenger = np.where(since.tie, gain, -gain)  # where it did not win
+    gain = draws.gain(given.apart[:, every, lost])
+    of_challenger = np.where(given.lessons.tie[lost], gain, -gain)  # where it did not win
     chance = np.sum(shares * notice_chance(of_challenger), axis=0)
     held = -np.log1p(-np.minimum(chance, _SURE)).sum()
     return float(held), float(np.mean(np.log(len(logs)) - inverse))
@@ -301,8 +304,8 @@ class Screening(Simulating):
             return None
         # The numbers of given candidates mean nothing, so that what they predict is chance.
         numbered = growth.simulations.candidates is not None
-        explained = numbered or growth.explains(history, stage.bank, stage.scale, stage.utilities)
-        return evidence(stage, row, history, explained=explained)
+        explained = numbered or growth.explains(history)
+        return evidence(stage, row, history, growth.posterior(history), explained=explained)
 
     @property
     def certificate(self) -> Certificate | None:
@@ -488,8 +491,7 @@ def without_kpis(history: History, stage: Stage, growth: Growth) -> bool:
     """Return whether the next θ is proposed without KPIs."""
     if stage.bank.hopeless[stage.spread].all():
         return False
-    past = history.past
-    return is_stalled(history) or not growth.explains(past, stage.bank, stage.scale, stage.utilities)
+    return is_stalled(history) or not growth.explains(history.past)
 
 
 def is_stalled(history: History) -> bool:
