@@ -67,6 +67,10 @@ class Bank:
         """Return which θ have no finite KPI, shape (m,): they failed, or were interrupted."""
         return np.asarray(np.isinf(self.kpis).all(axis=1))
 
+    def holds(self, thetas: Float[np.ndarray, "p n"]) -> bool:
+        """Return whether all of p physical θ were simulated."""
+        return {*_keys(thetas)} <= {*_keys(self.thetas)}
+
     def find(self, theta: Sequence[float] | Float[np.ndarray, " n"]) -> int:
         """Return the row of a physical θ. Raises KeyError if it was not simulated."""
         return int(self.rows([theta])[0])
@@ -75,12 +79,17 @@ class Bank:
         """Return the rows of p physical θ, shape (p,). Raises KeyError if one was not simulated."""
         if not len(thetas):
             return np.zeros(0, dtype=np.int64)
-        # By their bytes, as `theta_key` has them: -0.0 + 0.0 is 0.0.
-        known = dict(zip(map(bytes, self.thetas + 0.0), range(len(self.thetas)), strict=True))
-        found = list(map(known.get, map(bytes, np.array(thetas, dtype=float) + 0.0)))
+        known = dict(zip(_keys(self.thetas), range(len(self.thetas)), strict=True))
+        found = list(map(known.get, _keys(np.array(thetas, dtype=float))))
         if None in found:
             raise KeyError(tuple(thetas[found.index(None)]))
         return np.array(found, dtype=np.int64)
+
+
+def _keys(thetas: Float[np.ndarray, "m n"]) -> list[bytes]:
+    """Return the bytes of each of m θ, as `theta_keys` does in four times the time; -0.0 + 0.0 is 0.0."""
+    found: list[bytes] = (thetas + 0.0).view(f"V{thetas.shape[1] * thetas.itemsize}").ravel().tolist()
+    return found
 
 
 # --- What a person may want from a closed loop: random orders of its KPIs, and random trade-offs.
@@ -555,11 +564,9 @@ class Lessons:
     def shared(self, others: "Lessons") -> int:
         """Return how many answers are those of `others`, from the first one on."""
         count = min(len(self), len(others))
-        (ours, own), (theirs, other) = (
-            (each.logs[each.better[:count]], each.logs[each.worse[:count]]) for each in (self, others)
-        )
-        same = (ours == theirs).all(axis=1) & (own == other).all(axis=1)
-        same &= self.tie[:count] == others.tie[:count]
+        same = self.tie[:count] == others.tie[:count]
+        for ours, theirs in ((self.better, others.better), (self.worse, others.worse)):
+            same &= (self.logs[ours[:count]] == others.logs[theirs[:count]]).all(axis=1)
         return int(np.argmin(np.append(same, False)))
 
     def first(self, count: int) -> "Lessons":
@@ -683,9 +690,15 @@ class _Told(NamedTuple):
         (given, apart, _), counted = self, tried.counted[part, draw]
         changed = _subtract(tried.level(given.logs, part, draw), given.better, given.worse, counted)
         before, apart[part, draw] = apart[part, draw], changed
-        every = len(rows) == len(tried)
-        after, some = (apart, tried) if every else (apart.take(rows, axis=1), tried.take(rows))
-        return some.log_answers(after, given.tie), before
+        if len(rows) == len(tried):
+            return tried.log_answers(apart, given.tie), before
+        # In parts of 2 MB, which stay in the cache: of a long study, those of all rows are 12 MB.
+        count = 1 + len(rows) * len(given) * len(apart) // 2**18
+        found = [
+            tried.take(some).log_answers(apart.take(some, axis=1), given.tie)
+            for some in np.array_split(rows, count)
+        ]
+        return np.vstack(found), before
 
 
 def _move(given: Posterior, scale: Scale, rng: np.random.Generator, mistakes: Mistakes) -> Posterior:
@@ -980,7 +993,10 @@ def expected_best(costs: Float[np.ndarray, "s m"], best: int | None) -> Float[np
 
 
 def now_and_next(
-    costs: Float[np.ndarray, "s m"], best: int, allowed: Bool[np.ndarray, " m"]
+    costs: Float[np.ndarray, "s m"],
+    found: Float[np.ndarray, "s m"],
+    best: int,
+    allowed: Bool[np.ndarray, " m"],
 ) -> Float[np.ndarray, " m"]:
     """Return the mean of what is expected after this answer and after the next one, shape (m,).
 
@@ -994,10 +1010,10 @@ def now_and_next(
 
     Args:
         costs: Cost of each θ in each draw, shape (s, m).
+        found: Their `worth`.
         best: Row of the best one so far.
         allowed: θ that may be shown, shape (m,).
     """
-    found = worth(costs)
     kept = _kept(costs, found, best)
     now = np.where(_telling(costs, kept, best, allowed), kept.mean(axis=0), -np.inf)
     value = np.full(len(now), -np.inf)
@@ -1056,14 +1072,14 @@ def clearly_apart(
     return apart
 
 
-def trend(z: Float[np.ndarray, "m n"], costs: Float[np.ndarray, "s m"], row: int) -> Float[np.ndarray, " n"]:
+def trend(z: Float[np.ndarray, "m n"], value: Float[np.ndarray, " m"], row: int) -> Float[np.ndarray, " n"]:
     """Return how the expected worth grows along each knob near one θ, shape (n,).
 
     It is the slope of a plane through the θ of the bank, of which those near count more.
 
     Args:
         z: Points of the cube, shape (m, n).
-        costs: Their costs in each draw, shape (s, m).
+        value: Their expected worth, shape (m,).
         row: Row of the θ.
     """
     steps = z - z[row]
@@ -1073,7 +1089,7 @@ def trend(z: Float[np.ndarray, "m n"], costs: Float[np.ndarray, "s m"], row: int
     weighted = plane.T * near
     # The ridge decides where all near θ share a value of a knob: there the slope is 0.
     square = weighted @ plane + 1e-6 * np.eye(plane.shape[1])
-    return np.asarray(np.linalg.solve(square, weighted @ worth(costs).mean(axis=0))[1:])
+    return np.asarray(np.linalg.solve(square, weighted @ value)[1:])
 
 
 # Probability of being noticeably better than the best by the answers, above which an experiment takes its

@@ -369,7 +369,7 @@ class Screening(Simulating):
         rivals = overtaking(better, loose, history) > 0
         if not rivals.any():
             return None
-        value = np.where(rivals, worth(stage.costs)[:, rows].mean(axis=0), -np.inf)
+        value = np.where(rivals, self.growth.worth(history.past)[:, rows].mean(axis=0), -np.inf)
         return int(np.argmax(value))
 
     def has_enough(self, history: History) -> bool:
@@ -410,14 +410,15 @@ class Screening(Simulating):
             poor = self._poor_beginning(stage, row) + 1000 * ~allowed
             order = np.lexsort([-value, poor])
         else:
-            order = np.argsort(-now_and_next(stage.costs, row, allowed), kind="stable")
+            value = now_and_next(stage.costs, growth.worth(history.past), row, allowed)
+            order = np.argsort(-value, kind="stable")
         if self.simulations.holds is not None:
-            order = self._robust_first(stage, order, allowed, history.answered)
+            order = self._robust_first(stage, order, allowed, history)
         z = tried.first_new(stage.bank.z[order])
         return tried.fresh(stage.bank.z[0], rng) if z is None else z
 
     def _robust_first(
-        self, stage: Stage, order: Int[np.ndarray, " m"], allowed: Bool[np.ndarray, " m"], answered: int
+        self, stage: Stage, order: Int[np.ndarray, " m"], allowed: Bool[np.ndarray, " m"], history: History
     ) -> Int[np.ndarray, " m"]:
         """Return rows in order behind the first that holds.
 
@@ -426,8 +427,8 @@ class Screening(Simulating):
         more. The last questions look at all θ, those of the largest worth first.
         """
         most, rest = np.split(order[allowed[order]], [LOOK])
-        if self.n_max - answered <= _LAST:
-            by_worth = np.argsort(-worth(stage.costs).mean(axis=0)[rest], kind="stable")
+        if self.n_max - history.answered <= _LAST:
+            by_worth = np.argsort(-self.growth.worth(history.past).mean(axis=0)[rest], kind="stable")
             most = np.append(most, rest[by_worth])
         else:
             finite = np.isfinite(stage.bank.kpis).all(axis=1)

@@ -24,6 +24,7 @@ from prefcal_agents.people import (
     draw_on_plant,
     explains,
     learn,
+    worth,
 )
 from prefcal_agents.result import DrawPool, limit
 from prefcal_agents.search import Region, latin_hypercube
@@ -449,6 +450,8 @@ class Growth:
         self.stage = Stages(self._first, self._follow)
         """What is known after a record, simulating what was not simulated yet."""
         self._kept: Mapping[bytes, KeptStage] = {}
+        self.worth = Remembered(lambda past: worth(self.stage(past).costs), _POSTERIORS)
+        """Worth of each θ in each draw of the stage after a record, shape (d, m)."""
         self.posterior = Remembered(self._posterior, _POSTERIORS)
         """What the draws of the stage after a record say of each answer."""
         # The certificate and the next proposal ask the same.
@@ -593,13 +596,13 @@ class Growth:
 
     def _widen(self, stage: Stage, past: History, turn: int, wide: int) -> tuple[Bank, Int[np.ndarray, " r"]]:
         """Return the bank with the next `wide` θ of the design and all shown, and its design."""
-        start = sum(count for count, _ in self._plan[:turn])
-        z, thetas = self._space.proposals(self._design[start : start + wide])
-        bank, old = self.extend(stage.bank, z, thetas), len(stage.bank)
-        spread = np.append(stage.spread, np.arange(old, len(bank)))
+        bank, spread, start = stage.bank, stage.spread, sum(count for count, _ in self._plan[:turn])
+        if wide or stage.rough:
+            bank = self.extend(bank, *self._space.proposals(self._design[start : start + wide]))
+            spread = np.append(spread, np.arange(len(stage.bank), len(bank)))
         # A person may ask for any θ, also for one that the design never had: answers about it need its KPIs.
-        shown = [np.array([getattr(s, name) for s in past.samples]) for name in ("z", "theta")]
-        return self.extend(bank, *shown), spread
+        z, thetas = (np.array([getattr(s, name) for s in past.samples]) for name in ("z", "theta"))
+        return bank if bank.holds(thetas) else self.extend(bank, z, thetas), spread
 
     def _learn(
         self, past: History, before: History, bank: Bank, scale: Scale, utilities: Utilities

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.people import Bank, notice_chance, trend, worth
+from prefcal_agents.people import Bank, notice_chance, trend
 from prefcal_agents.result import (
     Influence,
     SmallerChange,
@@ -236,7 +236,7 @@ def _explain_query(agent: Screening, empty: Findings) -> Findings:
     likely[stage.bank.rows([s.theta for s in history.samples[: history.answered]])] = 0.0
     along = None
     if agent.simulations.candidates is None:
-        along = tuple(trend(stage.bank.z, stage.costs, best).tolist())
+        along = tuple(trend(stage.bank.z, agent.growth.worth(history.past).mean(axis=0), best).tolist())
     kept = None
     if agent.simulations.holds is not None:
         kept = int(agent.simulations.runs_kept(stage.bank.thetas[[best]])[0])
@@ -302,7 +302,7 @@ def _menu(agent: Screening, stage: Stage, past: History, best: int) -> tuple[Alt
 def _robustness(agent: Screening, stage: Stage, past: History, best: int) -> RobustResult:
     # The price of holding alone: compare with what promises most of what keeps the limits nominally.
     bank, eligible = stage.bank, agent.simulations.eligible(stage.bank)
-    rival = int(np.argmax(np.where(eligible, worth(stage.costs).mean(axis=0), -np.inf)))
+    rival = int(np.argmax(np.where(eligible, agent.growth.worth(past).mean(axis=0), -np.inf)))
     kept, other = agent.simulations.runs_kept(bank.thetas[[best, rival]]).tolist()
     found = RobustResult(kept, outdone=bool(~eligible[best]), among=bool(~eligible.all()))
     if rival == best or other == ENOUGH or found.outdone:
