@@ -693,12 +693,12 @@ class _Told(NamedTuple):
         if len(rows) == len(tried):
             return tried.log_answers(apart, given.tie), before
         # In parts of 2 MB, which stay in the cache: of a long study, those of all rows are 12 MB.
-        count = 1 + len(rows) * len(given) * len(apart) // 2**18
-        found = [
-            tried.take(some).log_answers(apart.take(some, axis=1), given.tie)
-            for some in np.array_split(rows, count)
-        ]
-        return np.vstack(found), before
+        found, size = np.empty((len(rows), len(given))), 1 + 2**18 // max(len(given) * len(apart), 1)
+        for start in range(0, len(rows), size):
+            some = rows[start : start + size]
+            after = apart.take(some, axis=1)
+            found[start : start + size] = tried.take(some).log_answers(after, given.tie)
+        return found, before
 
 
 def _move(given: Posterior, scale: Scale, rng: np.random.Generator, mistakes: Mistakes) -> Posterior:
@@ -709,19 +709,24 @@ def _move(given: Posterior, scale: Scale, rng: np.random.Generator, mistakes: Mi
     utilities, logs, told = given.utilities, given.logs, _Told(given.lessons, given.apart)
     count, k = utilities.normals.shape
     stages = [told.worst(logs), told] if len(told.lessons) > 2 * _TELLING else [told]
-    likely = logs @ told.lessons.strength
+    likely, weights = logs @ told.lessons.strength, utilities.weights
     for _ in range(24):  # 40 brought nothing more: docs/research/screening.md
         # Orders stay orders here: the share of both kinds changes by repetition alone.
         new = Utilities.draw(scale, count, rng, utilities.ordered > 0, mistakes)
-        tried, left = utilities.mutate(new, rng), np.ones(count, dtype=np.bool_)
+        tried = utilities.mutate(new, rng)
         # A new shape always has a new just noticeable difference, so this finds the KPIs whose levels change.
         draw, kpi = np.nonzero(tried.steps != utilities.steps)
         stated = np.isfinite(tried.limits[draw, kpi])
         draw, part = np.append(draw, draw[stated]), np.append(kpi, kpi[stated] + k)
+        # Many steps change nothing that counts, such as the shape of a KPI that an order leaves out.
+        after = tried.weights
+        counts = (after != weights).any(axis=1) | (tried.errors != utilities.errors)
+        counts[draw[after[draw, part] != 0.0]] = True
         # Proposals follow the prior, and weights a step that keeps it, so prior and proposal cancel.
         least, found = np.log(rng.random(count)) + likely, []
+        left = counts | (likely > least)
         for stage in stages:
-            part, draw, rows = part[left[draw]], draw[left[draw]], np.flatnonzero(left)
+            part, draw, rows = part[left[draw]], draw[left[draw]], np.flatnonzero(left & counts)
             each, before = stage.change(tried, rows, part, draw)
             most = each @ stage.lessons.strength
             # None of the others is more probable than if explained for sure. The last term covers rounding.
@@ -729,7 +734,8 @@ def _move(given: Posterior, scale: Scale, rng: np.random.Generator, mistakes: Mi
                 most += stage.others * np.log1p(-tried.errors[rows] * 2.0 / 3.0) + 1e-6
             found.append((stage.apart, part, draw, before))
             left[rows] = most > least[rows]
-        likely[left], logs[left] = most[left[rows]], each[left[rows]]
+        kept = left[rows]
+        likely[rows[kept]], logs[rows[kept]], weights[left] = most[kept], each[kept], after[left]
         for apart, part, draw, before in found:
             refused = ~left[draw]
             apart[part[refused], draw[refused]] = before[refused]

@@ -179,9 +179,7 @@ def _experiments(size: float, most: int) -> tuple[float, float, float]:
     return low, middle, high
 
 
-def evidence(
-    stage: Stage, best: int, history: History, given: Posterior, *, explained: bool
-) -> Evidence:
+def evidence(stage: Stage, best: int, history: History, given: Posterior, *, explained: bool) -> Evidence:
     """Return what draws and answers say of row `best` of the bank.
 
     Args:

@@ -601,7 +601,7 @@ class Growth:
             bank = self.extend(bank, *self._space.proposals(self._design[start : start + wide]))
             spread = np.append(spread, np.arange(len(stage.bank), len(bank)))
         # A person may ask for any θ, also for one that the design never had: answers about it need its KPIs.
-        z, thetas = (np.array([getattr(s, name) for s in past.samples]) for name in ("z", "theta"))
+        z, thetas = np.array([s.z for s in past.samples]), np.array([s.theta for s in past.samples])
         return bank if bank.holds(thetas) else self.extend(bank, z, thetas), spread
 
     def _learn(
@@ -616,16 +616,14 @@ class Growth:
         if given is None or given.utilities is not utilities or old.shared(given.lessons) < len(old):
             given = Posterior.of(utilities, old)
         after = given.update(self._lessons(seen, scale, past), scale, self._rng(past, _LEARN))
-        return self.posterior(past, after).utilities
+        return self.posterior.keep(past, after).utilities
 
     def _lessons(self, seen: Bank, scale: Scale, past: History) -> Lessons:
         """Return the answers of `past`, then those of an earlier study."""
         found = Lessons.of(seen, scale, past)
         return found.join(self._earlier_lessons(scale)) if self._taste else found
 
-    def _posterior(self, past: History, known: Posterior | None = None) -> Posterior:
-        if known is not None:
-            return known
+    def _posterior(self, past: History) -> Posterior:
         stage = self.stage(past)
         return Posterior.of(stage.utilities, self._lessons(stage.bank, stage.scale, past))
 
