@@ -16,14 +16,11 @@ from prefcal_agents.glisp.fits import GLISpSettings, Learned, ModelSelection
 from prefcal_agents.lessons import Remembered
 from prefcal_agents.people import (
     AFTER,
-    LOOK,
     Bank,
     Posterior,
     Utilities,
-    clearly_apart,
     expected_best,
     notice_chance,
-    now_and_next,
     overtaking,
     worth,
 )
@@ -244,6 +241,13 @@ def _foretell(given: Posterior, draws: Utilities, history: History) -> tuple[flo
     return float(held), float(np.mean(np.log(len(logs)) - inverse))
 
 
+# --- Which simulated θ is worth showing, and whether any still is.
+
+_CLEAR = (0.1, 0.25)
+"""Smallest difference that is clear: a share of the larger value, and one of the middle half of
+all good simulations."""
+LOOK = 60
+"""Number of θ for which two answers are looked ahead."""
 _OPEN = 4
 """Where the simulation is rough, every fourth θ is one that people with any wishes might prefer to
 all shown: a few answers between θ that are poor in the same way can teach a wrong preference."""
@@ -446,6 +450,86 @@ class Screening(Simulating):
         if row is None:
             return np.asarray(2 * missed)
         return np.asarray(2 * missed + ~clearly_apart(kpis, missed == missed.min(), row))
+
+
+def now_and_next(
+    costs: Float[np.ndarray, "s m"],
+    found: Float[np.ndarray, "s m"],
+    best: int,
+    allowed: Bool[np.ndarray, " m"],
+) -> Float[np.ndarray, " m"]:
+    """Return the mean of what is expected after this answer and after the next one, shape (m,).
+
+    What is expected is the worth of the best one; the next question is the best one for each of the
+    three answers. Without the first half, a question that leads nowhere could come before a good
+    one. Only the θ that promise most by one answer are looked at; others are worth -inf.
+
+    Source: J. González, M. Osborne, N. Lawrence, "GLASSES: relieving the myopia of Bayesian
+    optimisation" (2016).
+    Deviation: two answers ahead, not all; and the mean, since a person may stop after each.
+
+    Args:
+        costs: Cost of each θ in each draw, shape (s, m).
+        found: Their `worth`.
+        best: Row of the best one so far.
+        allowed: θ that may be shown, shape (m,).
+    """
+    kept = _kept(costs, found, best)
+    now = np.where(_telling(costs, kept, best, allowed), kept.mean(axis=0), -np.inf)
+    value = np.full(len(now), -np.inf)
+    for row in np.argsort(-now, kind="stable")[: min(LOOK, np.count_nonzero(np.isfinite(now)))]:
+        # Draws split by what they would answer, without mistakes: what each group would ask next is its best
+        # one.
+        won, lost = (sign * (costs[:, best] - costs[:, row]) > 1.0 for sign in (1, -1))
+        after = [_kept(costs[won], found[won], row), kept[lost], kept[~won & ~lost]]
+        then = sum(each[:, allowed].sum(axis=0).max() for each in after) / len(costs)
+        value[row] = (now[row] + then) / 2
+    return value
+
+
+def _telling(
+    costs: Float[np.ndarray, "s m"],
+    kept: Float[np.ndarray, "s m"],
+    best: int,
+    allowed: Bool[np.ndarray, " m"],
+) -> Bool[np.ndarray, " m"]:
+    """Return `allowed` without likely ties, if what is left promises enough, shape (m,)."""
+    gain = kept.mean(axis=0) - kept[:, best].mean()
+    clear = allowed & (np.mean(np.abs(costs - costs[:, [best]]) <= 1.0, axis=0) <= 0.4)
+    # Waiting more strictly left 16 % ties, and cost a tenth of the worth: docs/research/screening.md.
+    enough = gain[clear].max(initial=0.0) > 0.2 * gain[allowed].max(initial=0.0)
+    return clear if enough else allowed
+
+
+def _kept(
+    costs: Float[np.ndarray, "s m"], found: Float[np.ndarray, "s m"], best: int
+) -> Float[np.ndarray, "s m"]:
+    """Return the worth of the one that is kept if each θ is compared with the best, (s, m)."""
+    noticed = costs < costs[:, [best]] - 1.0
+    return np.asarray(np.where(noticed, found, found[:, [best]]))
+
+
+def clearly_apart(
+    kpis: Float[np.ndarray, "m k"], good: Bool[np.ndarray, " m"], row: int
+) -> Bool[np.ndarray, " m"]:
+    """Return which experiments differ clearly from one of them in some KPI, shape (m,).
+
+    Args:
+        kpis: KPIs as people read them, shape (m, k).
+        good: Experiments that tell which differences are usual, shape (m,).
+        row: Row of the experiment.
+    """
+    apart = np.zeros(len(kpis), dtype=np.bool_)
+    for values in kpis.T:
+        known = values[good & np.isfinite(values)]
+        if not len(known) or not np.isfinite(values[row]):
+            continue
+        larger = np.maximum(np.abs(values), abs(values[row]))
+        with np.errstate(invalid="ignore", over="ignore"):  # infinite, or nearly so
+            usual = float(np.subtract(*np.percentile(known, [75, 25])))
+            least = np.maximum(_CLEAR[0] * larger, _CLEAR[1] * usual)
+            apart |= (usual > 0) & (np.abs(values - values[row]) >= least)
+    return apart
 
 
 def _open_minded(stage: Stage, history: History, rng: np.random.Generator) -> int | None:

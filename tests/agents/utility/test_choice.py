@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from prefcal_agents.people import clearly_apart, expected_best, now_and_next, trend, worth
+from prefcal_agents.people import expected_best, worth
+from prefcal_agents.screening.agent import clearly_apart, now_and_next
+from prefcal_agents.screening.findings import trend
 
 COSTS = np.array([[1.0, 3.0, 5.0], [9.0, 0.0, 5.0]])  # places 1 2 3 and 3 1 2, all noticed
 LOG4, LOG5, LOG6 = np.log([4.0, 5.0, 6.0])
