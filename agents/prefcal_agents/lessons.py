@@ -275,9 +275,20 @@ class Remembered(Generic[Known]):
             self._known.popitem(last=False)
         return known
 
+    def keep(self, history: History, known: Known) -> Known:
+        """Remember what the function would return, which was found on the way to something else."""
+        while len(self._known) >= self._most:
+            self._known.popitem(last=False)
+        self._known[history.key] = known
+        return known
+
     def __contains__(self, history: History) -> bool:
         """Return whether what is known of `history` is in memory, so that it takes no time."""
         return history.key in self._known
+
+    def known(self, history: History) -> Known | None:
+        """Return what is known of `history` if it is in memory."""
+        return self._known.get(history.key)
 
 
 @final

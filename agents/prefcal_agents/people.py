@@ -67,6 +67,10 @@ class Bank:
         """Return which θ have no finite KPI, shape (m,): they failed, or were interrupted."""
         return np.asarray(np.isinf(self.kpis).all(axis=1))
 
+    def holds(self, thetas: Float[np.ndarray, "p n"]) -> bool:
+        """Return whether all of p physical θ were simulated."""
+        return {*_keys(thetas)} <= {*_keys(self.thetas)}
+
     def find(self, theta: Sequence[float] | Float[np.ndarray, " n"]) -> int:
         """Return the row of a physical θ. Raises KeyError if it was not simulated."""
         return int(self.rows([theta])[0])
@@ -75,12 +79,17 @@ class Bank:
         """Return the rows of p physical θ, shape (p,). Raises KeyError if one was not simulated."""
         if not len(thetas):
             return np.zeros(0, dtype=np.int64)
-        # By their bytes, as `theta_key` has them: -0.0 + 0.0 is 0.0.
-        known = dict(zip(map(bytes, self.thetas + 0.0), range(len(self.thetas)), strict=True))
-        found = list(map(known.get, map(bytes, np.array(thetas, dtype=float) + 0.0)))
+        known = dict(zip(_keys(self.thetas), range(len(self.thetas)), strict=True))
+        found = list(map(known.get, _keys(np.array(thetas, dtype=float))))
         if None in found:
             raise KeyError(tuple(thetas[found.index(None)]))
         return np.array(found, dtype=np.int64)
+
+
+def _keys(thetas: Float[np.ndarray, "m n"]) -> list[bytes]:
+    """Return the bytes of each of m θ, as `theta_keys` does in four times the time; -0.0 + 0.0 is 0.0."""
+    found: list[bytes] = (thetas + 0.0).view(f"V{thetas.shape[1] * thetas.itemsize}").ravel().tolist()
+    return found
 
 
 # --- What a person may want from a closed loop: random orders of its KPIs, and random trade-offs.
@@ -552,14 +561,13 @@ class Lessons:
             np.append(self.strength, others.strength),
         )
 
-    def unite(self, others: "Lessons") -> tuple["Lessons", Int[np.ndarray, " b"]]:
-        """Return these answers, then those of `others` that are none of them, and where `others` are."""
-        joined, known = self.join(others), dict[bytes, int]()
-        pairs = np.hstack([joined.logs[joined.better], joined.logs[joined.worse], joined.tie[:, None]])
-        first = [known.setdefault(pair.tobytes(), place) for place, pair in enumerate(pairs)]
-        wanted = np.array([*range(len(self)), *first[len(self) :]], dtype=np.int64)
-        kept, places = np.unique(wanted, return_inverse=True)
-        return joined.take(kept), places[len(self) :]
+    def shared(self, others: "Lessons") -> int:
+        """Return how many answers are those of `others`, from the first one on."""
+        count = min(len(self), len(others))
+        same = self.tie[:count] == others.tie[:count]
+        for ours, theirs in ((self.better, others.better), (self.worse, others.worse)):
+            same &= (self.logs[ours[:count]] == others.logs[theirs[:count]]).all(axis=1)
+        return int(np.argmin(np.append(same, False)))
 
     def first(self, count: int) -> "Lessons":
         """Return the first `count` answers, about the same experiments."""
@@ -574,58 +582,76 @@ class Lessons:
         better, worse = np.split(rows, 2)
         return Lessons(self.logs[shown], better, worse, self.tie[answers], self.strength[answers])
 
-    def log_probabilities(self, utilities: Utilities) -> Float[np.ndarray, "s a"]:
-        """Return the logarithm of the probability of each answer by each draw, shape (s, a)."""
-        # In parts of 8 MB, which stay in the cache: of a long study, all differences are 150 MB.
-        count = 1 + len(utilities) * len(self) * utilities.used // 2**20
-        found = [utilities.take(rows) for rows in np.array_split(np.arange(len(utilities)), count)]
-        return np.vstack([some.log_answers(self.differences(some), self.tie) for some in found])
-
     def differences(self, utilities: Utilities) -> Float[np.ndarray, "c s a"]:
-        """Return how much better one experiment of each answer is, see `Utilities.differences`."""
-        found, counted = np.zeros((2 * self.logs.shape[1], len(utilities), len(self))), utilities.counted
+        """Return how much better one experiment of each answer is, by the parts that are used.
+
+        See `Utilities.differences`.
+        """
+        found, counted = np.zeros((utilities.used, len(utilities), len(self))), utilities.counted
         for part in utilities.parts:  # of a long study, all levels at once would be another 70 MB
             level = utilities.level(self.logs, part)
             found[part] = _subtract(level, self.better, self.worse, counted[part])
         return found
 
 
-def update(
-    before: Utilities,
-    old: Lessons,
-    new: Lessons,
-    scale: Scale,
-    rng: np.random.Generator,
-    mistakes: Mistakes = REAL,
-) -> Utilities:
-    """Return draws given the answers `new`, from draws given the answers `old`.
+@dataclass(frozen=True, eq=False, slots=True)
+class Posterior:
+    """Draws given answers, and what each of them says of each answer.
 
-    Source: N. Chopin, "A sequential particle filter method for static models" (2002): draws are
-    repeated by how well they explain the new answers, then moved by Metropolis steps.
-    Deviation: proposals draw from the distribution before any answer, so that the likelihood alone
-    decides.
+    Args:
+        utilities: s draws.
+        lessons: The answers.
+        apart: How much better one experiment of each answer is, see `Utilities.differences`, (c, s, a).
+        logs: Logarithm of the probability of each answer, see `Utilities.log_answers`, shape (s, a).
     """
-    # Only the ratio: the draws already follow the old answers, which may change, too, when one is retracted.
-    # Most old answers are new ones, too: in a long study, to work them out twice takes a tenth of a second.
-    united, of_old = new.unite(old)
-    apart, count = united.differences(before), len(new)
-    logs = before.log_answers(apart, united.tie)
-    gained = np.ascontiguousarray(logs[:, :count]) @ new.strength - logs.take(of_old, axis=1) @ old.strength
-    shares = np.cumsum(np.exp(gained - gained.max()))
-    # Systematic: one random number for all, so that a draw is repeated as often as it should be, to within
-    # one.
-    places = (rng.random() + np.arange(len(before))) / len(before) * shares[-1]
-    rows = np.minimum(np.searchsorted(shares, places), len(before) - 1)
-    rows = rng.permutation(rows)
-    told = _Told(united.first(count), apart[: before.used, :, :count].take(rows, axis=1))
-    return _move(before.take(rows), told, logs[:, :count].take(rows, axis=0), scale, rng, mistakes)
+
+    utilities: Utilities
+    lessons: Lessons
+    apart: Float[np.ndarray, "c s a"]
+    logs: Float[np.ndarray, "s a"]
+
+    @classmethod
+    def of(cls, utilities: Utilities, lessons: Lessons) -> "Posterior":
+        """Return what draws, which are given the answers already, say of them."""
+        apart = lessons.differences(utilities)
+        return cls(utilities, lessons, apart, utilities.log_answers(apart, lessons.tie))
+
+    def update(
+        self, new: Lessons, scale: Scale, rng: np.random.Generator, mistakes: Mistakes = REAL
+    ) -> "Posterior":
+        """Return draws given the answers `new` instead. Those that both begin with are not worked out again.
+
+        Source: N. Chopin, "A sequential particle filter method for static models" (2002): draws are
+        repeated by how well they explain the new answers, then moved by Metropolis steps.
+        Deviation: proposals draw from the distribution before any answer, so that the likelihood alone
+        decides.
+        """
+        before, kept = self.utilities, new.shared(self.lessons)
+        fresh = new.take(np.arange(kept, len(new)))
+        apart = fresh.differences(before)
+        logs = np.hstack([self.logs[:, :kept], before.log_answers(apart, fresh.tie)])
+        # Only the ratio: the draws already follow the old answers, which may change, too, when one is
+        # retracted.
+        gained = logs @ new.strength - self.logs @ self.lessons.strength
+        shares = np.cumsum(np.exp(gained - gained.max()))
+        # Systematic: one random number for all, so that a draw is repeated as often as it should be, to
+        # within one.
+        places = (rng.random() + np.arange(len(before))) / len(before) * shares[-1]
+        rows = np.minimum(np.searchsorted(shares, places), len(before) - 1)
+        rows = rng.permutation(rows)
+        both = np.empty((len(apart), *logs.shape))
+        for part, added in enumerate(apart):  # of a long study, all at once would be another 50 MB
+            both[part, :, :kept] = self.apart[part].take(rows, axis=0)[:, :kept]
+            both[part, :, kept:] = added.take(rows, axis=0)
+        return _move(Posterior(before.take(rows), new, both, logs.take(rows, axis=0)), scale, rng, mistakes)
 
 
 def learn(before: Utilities, lessons: Lessons, scale: Scale, rng: np.random.Generator) -> Utilities:
     """Return draws given all answers of `lessons`, one after the other."""
+    given = Posterior.of(before, lessons.first(0))
     for count in range(len(lessons)):
-        before = update(before, lessons.first(count), lessons.first(count + 1), scale, rng)
-    return before
+        given = given.update(lessons.first(count + 1), scale, rng)
+    return given.utilities
 
 
 _TELLING = 64
@@ -650,69 +676,74 @@ class _Told(NamedTuple):
         others = float(self.lessons.strength.sum() - few.strength.sum())
         return _Told(few, self.apart.take(rows, axis=2), others)
 
-    def bound(
+    def change(
         self,
         tried: Utilities,
         rows: Int[np.ndarray, " r"],
         part: Int[np.ndarray, " q"],
         draw: Int[np.ndarray, " q"],
-    ) -> tuple[Float[np.ndarray, " r"], Float[np.ndarray, "q a"]]:
-        """Return the largest log likelihood that draws `rows` can have, and what was changed.
+    ) -> tuple[Float[np.ndarray, "r a"], Float[np.ndarray, "q a"]]:
+        """Return `Utilities.log_answers` of draws `rows`, and what was changed, shapes (r, a) and (q, a).
 
-        They have the shapes (r,) and (q, a). Without other answers, it is the log likelihood. In `apart`,
-        parts `part` of the draws `draw` change.
+        In `apart`, parts `part` of the draws `draw` change.
         """
-        (given, apart, others), counted = self, tried.counted[part, draw]
+        (given, apart, _), counted = self, tried.counted[part, draw]
         changed = _subtract(tried.level(given.logs, part, draw), given.better, given.worse, counted)
         before, apart[part, draw] = apart[part, draw], changed
-        every = len(rows) == len(tried)
-        after, some = (apart, tried) if every else (apart.take(rows, axis=1), tried.take(rows))
-        found = some.log_answers(after, given.tie) @ given.strength
-        # None of the others is more probable than if explained for sure. The last term covers rounding.
-        if others:
-            found += others * np.log1p(-some.errors * 2.0 / 3.0) + 1e-6
+        if len(rows) == len(tried):
+            return tried.log_answers(apart, given.tie), before
+        # In parts of 2 MB, which stay in the cache: of a long study, those of all rows are 12 MB.
+        found, size = np.empty((len(rows), len(given))), 1 + 2**18 // max(len(given) * len(apart), 1)
+        for start in range(0, len(rows), size):
+            some = rows[start : start + size]
+            after = apart.take(some, axis=1)
+            found[start : start + size] = tried.take(some).log_answers(after, given.tie)
         return found, before
 
 
-def _move(
-    utilities: Utilities,
-    told: _Told,
-    logs: Float[np.ndarray, "s a"],
-    scale: Scale,
-    rng: np.random.Generator,
-    mistakes: Mistakes,
-) -> Utilities:
-    """Return draws after Metropolis steps. Only what a step changes is computed again, in `told`.
+def _move(given: Posterior, scale: Scale, rng: np.random.Generator, mistakes: Mistakes) -> Posterior:
+    """Return the draws after Metropolis steps. Only what a step changes is computed again, in `given`.
 
-    `logs` are `Utilities.log_answers`. Of a long study, a step that a few answers refuse meets no other.
+    Of a long study, a step that a few answers refuse meets no other.
     """
+    utilities, logs, told = given.utilities, given.logs, _Told(given.lessons, given.apart)
     count, k = utilities.normals.shape
     stages = [told.worst(logs), told] if len(told.lessons) > 2 * _TELLING else [told]
-    likely = logs @ told.lessons.strength
+    likely, weights = logs @ told.lessons.strength, utilities.weights
     for _ in range(24):  # 40 brought nothing more: docs/research/screening.md
         # Orders stay orders here: the share of both kinds changes by repetition alone.
         new = Utilities.draw(scale, count, rng, utilities.ordered > 0, mistakes)
-        tried, left = utilities.mutate(new, rng), np.ones(count, dtype=np.bool_)
+        tried = utilities.mutate(new, rng)
         # A new shape always has a new just noticeable difference, so this finds the KPIs whose levels change.
         draw, kpi = np.nonzero(tried.steps != utilities.steps)
         stated = np.isfinite(tried.limits[draw, kpi])
         draw, part = np.append(draw, draw[stated]), np.append(kpi, kpi[stated] + k)
+        # Many steps change nothing that counts, such as the shape of a KPI that an order leaves out.
+        after = tried.weights
+        counts = (after != weights).any(axis=1) | (tried.errors != utilities.errors)
+        counts[draw[after[draw, part] != 0.0]] = True
         # Proposals follow the prior, and weights a step that keeps it, so prior and proposal cancel.
         least, found = np.log(rng.random(count)) + likely, []
+        left = counts | (likely > least)
         for stage in stages:
-            part, draw, rows = part[left[draw]], draw[left[draw]], np.flatnonzero(left)
-            most, before = stage.bound(tried, rows, part, draw)
+            part, draw, rows = part[left[draw]], draw[left[draw]], np.flatnonzero(left & counts)
+            each, before = stage.change(tried, rows, part, draw)
+            most = each @ stage.lessons.strength
+            # None of the others is more probable than if explained for sure. The last term covers rounding.
+            if stage.others:
+                most += stage.others * np.log1p(-tried.errors[rows] * 2.0 / 3.0) + 1e-6
             found.append((stage.apart, part, draw, before))
             left[rows] = most > least[rows]
-        likely[left] = most[left[rows]]
+        kept = left[rows]
+        likely[rows[kept]], logs[rows[kept]], weights[left] = most[kept], each[kept], after[left]
         for apart, part, draw, before in found:
             refused = ~left[draw]
             apart[part[refused], draw[refused]] = before[refused]
         utilities = utilities.where(left, tried)
-    return utilities
+    return replace(given, utilities=utilities)
 
 
-def explains(history: History, bank: Bank, scale: Scale, utilities: Utilities) -> bool:
+def explains(history: History, given: Posterior) -> bool:
     """Return whether KPIs predict the answers about as well as θ does, or too few are known.
 
     Source: A. E. Gelfand, D. K. Dey, H. Chang, "Model determination using predictive
@@ -720,17 +751,13 @@ def explains(history: History, bank: Bank, scale: Scale, utilities: Utilities) -
 
     Args:
         history: Samples and answers.
-        bank: KPIs of all samples, and of others.
-        scale: How the KPIs are measured.
-        utilities: Draws of what the person wants, given the answers.
+        given: Draws of what the person wants, given these answers first.
     """
     lessons = history.lessons
     if len(lessons) < AFTER or not any(c.answer.preference for c in lessons):
         return True
-    known = Lessons.of(bank, scale, history)
-    strict = ~known.tie
-    strict[len(lessons) :] = False  # those that marks make are no answers
-    logs = known.log_probabilities(utilities)[:, strict]
+    # Those that marks make are no answers.
+    logs = given.logs[:, np.flatnonzero(~given.lessons.tie[: len(lessons)])]
     # Each answer predicted from the others: the harmonic mean over draws given all answers.
     by_kpis = float(np.sum(np.log(len(logs)) - logsumexp(-logs, axis=0)))
     # By 2 nats: a smaller difference may be chance. The process takes 3 % of the answers for mistakes.
@@ -931,13 +958,7 @@ class _Belief:
         return np.asarray(paths.T)
 
 
-# --- Which simulated θ is worth showing, and whether any still is.
-
-_CLEAR = (0.1, 0.25)
-"""Smallest difference that is clear: a share of the larger value, and one of the middle half of
-all good simulations."""
-LOOK = 60
-"""Number of θ for which two answers are looked ahead."""
+# --- What a θ is worth, and what takes the place of the best one.
 
 
 def worth(costs: Float[np.ndarray, "s m"]) -> Float[np.ndarray, "s m"]:
@@ -968,104 +989,9 @@ def expected_best(costs: Float[np.ndarray, "s m"], best: int | None) -> Float[np
         best: Row of the best one so far; None if nothing was shown.
     """
     found = worth(costs)
-    return np.asarray((found if best is None else _kept(costs, found, best)).mean(axis=0))
-
-
-def now_and_next(
-    costs: Float[np.ndarray, "s m"], best: int, allowed: Bool[np.ndarray, " m"]
-) -> Float[np.ndarray, " m"]:
-    """Return the mean of what is expected after this answer and after the next one, shape (m,).
-
-    What is expected is the worth of the best one; the next question is the best one for each of the
-    three answers. Without the first half, a question that leads nowhere could come before a good
-    one. Only the θ that promise most by one answer are looked at; others are worth -inf.
-
-    Source: J. González, M. Osborne, N. Lawrence, "GLASSES: relieving the myopia of Bayesian
-    optimisation" (2016).
-    Deviation: two answers ahead, not all; and the mean, since a person may stop after each.
-
-    Args:
-        costs: Cost of each θ in each draw, shape (s, m).
-        best: Row of the best one so far.
-        allowed: θ that may be shown, shape (m,).
-    """
-    found = worth(costs)
-    kept = _kept(costs, found, best)
-    now = np.where(_telling(costs, kept, best, allowed), kept.mean(axis=0), -np.inf)
-    value = np.full(len(now), -np.inf)
-    for row in np.argsort(-now, kind="stable")[: min(LOOK, np.count_nonzero(np.isfinite(now)))]:
-        # Draws split by what they would answer, without mistakes: what each group would ask next is its best
-        # one.
-        won, lost = (sign * (costs[:, best] - costs[:, row]) > 1.0 for sign in (1, -1))
-        after = [_kept(costs[won], found[won], row), kept[lost], kept[~won & ~lost]]
-        then = sum(each[:, allowed].sum(axis=0).max() for each in after) / len(costs)
-        value[row] = (now[row] + then) / 2
-    return value
-
-
-def _telling(
-    costs: Float[np.ndarray, "s m"],
-    kept: Float[np.ndarray, "s m"],
-    best: int,
-    allowed: Bool[np.ndarray, " m"],
-) -> Bool[np.ndarray, " m"]:
-    """Return `allowed` without likely ties, if what is left promises enough, shape (m,)."""
-    gain = kept.mean(axis=0) - kept[:, best].mean()
-    clear = allowed & (np.mean(np.abs(costs - costs[:, [best]]) <= 1.0, axis=0) <= 0.4)
-    # Waiting more strictly left 16 % ties, and cost a tenth of the worth: docs/research/screening.md.
-    enough = gain[clear].max(initial=0.0) > 0.2 * gain[allowed].max(initial=0.0)
-    return clear if enough else allowed
-
-
-def _kept(
-    costs: Float[np.ndarray, "s m"], found: Float[np.ndarray, "s m"], best: int
-) -> Float[np.ndarray, "s m"]:
-    """Return the worth of the one that is kept if each θ is compared with the best, (s, m)."""
-    noticed = costs < costs[:, [best]] - 1.0
-    return np.asarray(np.where(noticed, found, found[:, [best]]))
-
-
-def clearly_apart(
-    kpis: Float[np.ndarray, "m k"], good: Bool[np.ndarray, " m"], row: int
-) -> Bool[np.ndarray, " m"]:
-    """Return which experiments differ clearly from one of them in some KPI, shape (m,).
-
-    Args:
-        kpis: KPIs as people read them, shape (m, k).
-        good: Experiments that tell which differences are usual, shape (m,).
-        row: Row of the experiment.
-    """
-    apart = np.zeros(len(kpis), dtype=np.bool_)
-    for values in kpis.T:
-        known = values[good & np.isfinite(values)]
-        if not len(known) or not np.isfinite(values[row]):
-            continue
-        larger = np.maximum(np.abs(values), abs(values[row]))
-        with np.errstate(invalid="ignore", over="ignore"):  # infinite, or nearly so
-            usual = float(np.subtract(*np.percentile(known, [75, 25])))
-            least = np.maximum(_CLEAR[0] * larger, _CLEAR[1] * usual)
-            apart |= (usual > 0) & (np.abs(values - values[row]) >= least)
-    return apart
-
-
-def trend(z: Float[np.ndarray, "m n"], costs: Float[np.ndarray, "s m"], row: int) -> Float[np.ndarray, " n"]:
-    """Return how the expected worth grows along each knob near one θ, shape (n,).
-
-    It is the slope of a plane through the θ of the bank, of which those near count more.
-
-    Args:
-        z: Points of the cube, shape (m, n).
-        costs: Their costs in each draw, shape (s, m).
-        row: Row of the θ.
-    """
-    steps = z - z[row]
-    # Weights of a normal law, whose deviation is a fifth of the cube's diagonal.
-    near = np.exp(-0.5 * np.sum(steps**2, axis=1) / (0.2**2 * z.shape[1]))
-    plane = np.column_stack([np.ones(len(z)), steps])
-    weighted = plane.T * near
-    # The ridge decides where all near θ share a value of a knob: there the slope is 0.
-    square = weighted @ plane + 1e-6 * np.eye(plane.shape[1])
-    return np.asarray(np.linalg.solve(square, weighted @ worth(costs).mean(axis=0))[1:])
+    if best is not None:
+        found = np.where(costs < costs[:, [best]] - 1.0, found, found[:, [best]])
+    return np.asarray(found.mean(axis=0))
 
 
 # Probability of being noticeably better than the best by the answers, above which an experiment takes its

@@ -16,12 +16,12 @@ from prefcal_agents.people import (
     SURE,
     Bank,
     Lessons,
+    Posterior,
     Scale,
     Utilities,
     draw_on_plant,
     expected_best,
     explains,
-    update,
 )
 from prefcal_agents.search import Penalty, Tried, random_points, step_length
 from prefcal_agents.surrogate import (
@@ -212,7 +212,8 @@ class KPIFit:
 
     def explains(self, history: History) -> bool:
         """Return whether KPIs predict the answers of `history` about as well as θ does."""
-        return explains(Subset.of(history).history, self.bank, self.scale, self.utilities)
+        part = Subset.of(history).history
+        return explains(part, Posterior.of(self.utilities, Lessons.of(self.bank, self.scale, part)))
 
     def find_doubted(self, history: History) -> tuple[int, int] | None:
         """Return the best sample and one that is probably better; None if there is none.
@@ -279,7 +280,7 @@ def _follow(seed: int, past: History, before: History, fit: KPIFit) -> KPIFit:
     if scale.names and (past.lessons or past.unsafe):
         old = Lessons.of(bank, scale, Subset.of(before).history)
         new = Lessons.of(bank, scale, part)
-        utilities = update(utilities, old, new, scale, rng, SURE)
+        utilities = Posterior.of(utilities, old).update(new, scale, rng, SURE).utilities
     return _fit(bank, part, scale, utilities)
 
 

@@ -16,14 +16,11 @@ from prefcal_agents.glisp.fits import GLISpSettings, Learned, ModelSelection
 from prefcal_agents.lessons import Remembered
 from prefcal_agents.people import (
     AFTER,
-    LOOK,
     Bank,
-    Lessons,
+    Posterior,
     Utilities,
-    clearly_apart,
     expected_best,
     notice_chance,
-    now_and_next,
     overtaking,
     worth,
 )
@@ -179,13 +176,14 @@ def _experiments(size: float, most: int) -> tuple[float, float, float]:
     return low, middle, high
 
 
-def evidence(stage: Stage, best: int, history: History, *, explained: bool) -> Evidence:
+def evidence(stage: Stage, best: int, history: History, given: Posterior, *, explained: bool) -> Evidence:
     """Return what draws and answers say of row `best` of the bank.
 
     Args:
         stage: What is known after `history`.
         best: Row of the result.
         history: Samples and answers, one answer or more.
+        given: What the draws of the stage say of these answers.
         explained: As in `Evidence`.
     """
     draws = stage.utilities.some(len(stage.costs))
@@ -194,7 +192,7 @@ def evidence(stage: Stage, best: int, history: History, *, explained: bool) -> E
     # Only what was not shown yet can be the most promising one.
     chances[stage.bank.rows([sample.theta for sample in history.samples[: history.answered]])] = 0.0
     row = int(np.argmax(chances))
-    held, predicted = _foretell(draws, Lessons.of(stage.bank, stage.scale, history), history)
+    held, predicted = _foretell(given, draws, history)
     return Evidence(
         answers=len(history.lessons),
         better=float(better.mean()),
@@ -222,27 +220,34 @@ def _better(draws: Utilities, logs: Float[np.ndarray, "m k"], best: int) -> Bool
     return found
 
 
-def _foretell(draws: Utilities, lessons: Lessons, history: History) -> tuple[float, float]:
-    """Return `held` and `predicted` of `Evidence`.
+def _foretell(given: Posterior, draws: Utilities, history: History) -> tuple[float, float]:
+    """Return `held` and `predicted` of `Evidence` by some of the draws that are given the answers.
 
     Source: A. E. Gelfand, D. K. Dey, H. Chang, "Model determination using predictive
     distributions" (1992): draws given all answers tell one of them by the others, if each draw
     counts by the inverse of the probability that it gives to that answer.
     """
     count = len(history.lessons)  # those that marks make are no answers
-    logs = lessons.log_probabilities(draws)[:, :count]
+    every = slice(None, None, len(given.utilities) // len(draws))  # as `Utilities.some`
+    logs = given.logs[every, :count]
     inverse = logsumexp(-logs, axis=0)
-    lost = np.arange(count - lost_since(history), count)
+    lost = slice(count - lost_since(history), count)
     # Importance weights of the posterior without each answer: 1 over the probability of that answer.
     shares = np.exp(-logs[:, lost] - inverse[lost])
-    since = lessons.take(lost)
-    gain = draws.gain(since.differences(draws))
-    of_challenger = np.where(since.tie, gain, -gain)  # where it did not win
+    gain = draws.gain(given.apart[:, every, lost])
+    of_challenger = np.where(given.lessons.tie[lost], gain, -gain)  # where it did not win
     chance = np.sum(shares * notice_chance(of_challenger), axis=0)
     held = -np.log1p(-np.minimum(chance, _SURE)).sum()
     return float(held), float(np.mean(np.log(len(logs)) - inverse))
 
 
+# --- Which simulated θ is worth showing, and whether any still is.
+
+_CLEAR = (0.1, 0.25)
+"""Smallest difference that is clear: a share of the larger value, and one of the middle half of
+all good simulations."""
+LOOK = 60
+"""Number of θ for which two answers are looked ahead."""
 _OPEN = 4
 """Where the simulation is rough, every fourth θ is one that people with any wishes might prefer to
 all shown: a few answers between θ that are poor in the same way can teach a wrong preference."""
@@ -301,8 +306,8 @@ class Screening(Simulating):
             return None
         # The numbers of given candidates mean nothing, so that what they predict is chance.
         numbered = growth.simulations.candidates is not None
-        explained = numbered or growth.explains(history, stage.bank, stage.scale, stage.utilities)
-        return evidence(stage, row, history, explained=explained)
+        explained = numbered or growth.explains(history)
+        return evidence(stage, row, history, growth.posterior(history), explained=explained)
 
     @property
     def certificate(self) -> Certificate | None:
@@ -366,7 +371,7 @@ class Screening(Simulating):
         rivals = overtaking(better, loose, history) > 0
         if not rivals.any():
             return None
-        value = np.where(rivals, worth(stage.costs)[:, rows].mean(axis=0), -np.inf)
+        value = np.where(rivals, self.growth.worth(history.past)[:, rows].mean(axis=0), -np.inf)
         return int(np.argmax(value))
 
     def has_enough(self, history: History) -> bool:
@@ -407,14 +412,15 @@ class Screening(Simulating):
             poor = self._poor_beginning(stage, row) + 1000 * ~allowed
             order = np.lexsort([-value, poor])
         else:
-            order = np.argsort(-now_and_next(stage.costs, row, allowed), kind="stable")
+            value = now_and_next(stage.costs, growth.worth(history.past), row, allowed)
+            order = np.argsort(-value, kind="stable")
         if self.simulations.holds is not None:
-            order = self._robust_first(stage, order, allowed, history.answered)
+            order = self._robust_first(stage, order, allowed, history)
         z = tried.first_new(stage.bank.z[order])
         return tried.fresh(stage.bank.z[0], rng) if z is None else z
 
     def _robust_first(
-        self, stage: Stage, order: Int[np.ndarray, " m"], allowed: Bool[np.ndarray, " m"], answered: int
+        self, stage: Stage, order: Int[np.ndarray, " m"], allowed: Bool[np.ndarray, " m"], history: History
     ) -> Int[np.ndarray, " m"]:
         """Return rows in order behind the first that holds.
 
@@ -423,8 +429,8 @@ class Screening(Simulating):
         more. The last questions look at all θ, those of the largest worth first.
         """
         most, rest = np.split(order[allowed[order]], [LOOK])
-        if self.n_max - answered <= _LAST:
-            by_worth = np.argsort(-worth(stage.costs).mean(axis=0)[rest], kind="stable")
+        if self.n_max - history.answered <= _LAST:
+            by_worth = np.argsort(-self.growth.worth(history.past).mean(axis=0)[rest], kind="stable")
             most = np.append(most, rest[by_worth])
         else:
             finite = np.isfinite(stage.bank.kpis).all(axis=1)
@@ -444,6 +450,86 @@ class Screening(Simulating):
         if row is None:
             return np.asarray(2 * missed)
         return np.asarray(2 * missed + ~clearly_apart(kpis, missed == missed.min(), row))
+
+
+def now_and_next(
+    costs: Float[np.ndarray, "s m"],
+    found: Float[np.ndarray, "s m"],
+    best: int,
+    allowed: Bool[np.ndarray, " m"],
+) -> Float[np.ndarray, " m"]:
+    """Return the mean of what is expected after this answer and after the next one, shape (m,).
+
+    What is expected is the worth of the best one; the next question is the best one for each of the
+    three answers. Without the first half, a question that leads nowhere could come before a good
+    one. Only the θ that promise most by one answer are looked at; others are worth -inf.
+
+    Source: J. González, M. Osborne, N. Lawrence, "GLASSES: relieving the myopia of Bayesian
+    optimisation" (2016).
+    Deviation: two answers ahead, not all; and the mean, since a person may stop after each.
+
+    Args:
+        costs: Cost of each θ in each draw, shape (s, m).
+        found: Their `worth`.
+        best: Row of the best one so far.
+        allowed: θ that may be shown, shape (m,).
+    """
+    kept = _kept(costs, found, best)
+    now = np.where(_telling(costs, kept, best, allowed), kept.mean(axis=0), -np.inf)
+    value = np.full(len(now), -np.inf)
+    for row in np.argsort(-now, kind="stable")[: min(LOOK, np.count_nonzero(np.isfinite(now)))]:
+        # Draws split by what they would answer, without mistakes: what each group would ask next is its best
+        # one.
+        won, lost = (sign * (costs[:, best] - costs[:, row]) > 1.0 for sign in (1, -1))
+        after = [_kept(costs[won], found[won], row), kept[lost], kept[~won & ~lost]]
+        then = sum(each[:, allowed].sum(axis=0).max() for each in after) / len(costs)
+        value[row] = (now[row] + then) / 2
+    return value
+
+
+def _telling(
+    costs: Float[np.ndarray, "s m"],
+    kept: Float[np.ndarray, "s m"],
+    best: int,
+    allowed: Bool[np.ndarray, " m"],
+) -> Bool[np.ndarray, " m"]:
+    """Return `allowed` without likely ties, if what is left promises enough, shape (m,)."""
+    gain = kept.mean(axis=0) - kept[:, best].mean()
+    clear = allowed & (np.mean(np.abs(costs - costs[:, [best]]) <= 1.0, axis=0) <= 0.4)
+    # Waiting more strictly left 16 % ties, and cost a tenth of the worth: docs/research/screening.md.
+    enough = gain[clear].max(initial=0.0) > 0.2 * gain[allowed].max(initial=0.0)
+    return clear if enough else allowed
+
+
+def _kept(
+    costs: Float[np.ndarray, "s m"], found: Float[np.ndarray, "s m"], best: int
+) -> Float[np.ndarray, "s m"]:
+    """Return the worth of the one that is kept if each θ is compared with the best, (s, m)."""
+    noticed = costs < costs[:, [best]] - 1.0
+    return np.asarray(np.where(noticed, found, found[:, [best]]))
+
+
+def clearly_apart(
+    kpis: Float[np.ndarray, "m k"], good: Bool[np.ndarray, " m"], row: int
+) -> Bool[np.ndarray, " m"]:
+    """Return which experiments differ clearly from one of them in some KPI, shape (m,).
+
+    Args:
+        kpis: KPIs as people read them, shape (m, k).
+        good: Experiments that tell which differences are usual, shape (m,).
+        row: Row of the experiment.
+    """
+    apart = np.zeros(len(kpis), dtype=np.bool_)
+    for values in kpis.T:
+        known = values[good & np.isfinite(values)]
+        if not len(known) or not np.isfinite(values[row]):
+            continue
+        larger = np.maximum(np.abs(values), abs(values[row]))
+        with np.errstate(invalid="ignore", over="ignore"):  # infinite, or nearly so
+            usual = float(np.subtract(*np.percentile(known, [75, 25])))
+            least = np.maximum(_CLEAR[0] * larger, _CLEAR[1] * usual)
+            apart |= (usual > 0) & (np.abs(values - values[row]) >= least)
+    return apart
 
 
 def _open_minded(stage: Stage, history: History, rng: np.random.Generator) -> int | None:
@@ -488,8 +574,7 @@ def without_kpis(history: History, stage: Stage, growth: Growth) -> bool:
     """Return whether the next θ is proposed without KPIs."""
     if stage.bank.hopeless[stage.spread].all():
         return False
-    past = history.past
-    return is_stalled(history) or not growth.explains(past, stage.bank, stage.scale, stage.utilities)
+    return is_stalled(history) or not growth.explains(history.past)
 
 
 def is_stalled(history: History) -> bool:

@@ -18,12 +18,13 @@ from prefcal_agents.people import (
     Bank,
     Lessons,
     Measured,
+    Posterior,
     Scale,
     Utilities,
     draw_on_plant,
     explains,
     learn,
-    update,
+    worth,
 )
 from prefcal_agents.result import DrawPool, limit
 from prefcal_agents.search import Region, latin_hypercube
@@ -344,6 +345,7 @@ _LEARN = 0  # first stream of random numbers; the next ones place θ
 _CORRECT = 1000  # stream that draws how the plant differs from the simulation
 _TRAVELED = 0.5  # how much an answer of an earlier study counts, where one of this study counts 1
 _RECENT = 20  # number of answers of an earlier study that count, the latest ones
+_POSTERIORS = 3  # number of posteriors in memory, those of likely answers; in a long study each is 60 MB
 _POOL, _RECALLED = 2000, 10
 """Stream of the pool's draws before any answer, and number of the latest answers it has draws of."""
 
@@ -448,7 +450,12 @@ class Growth:
         self.stage = Stages(self._first, self._follow)
         """What is known after a record, simulating what was not simulated yet."""
         self._kept: Mapping[bytes, KeptStage] = {}
-        self.explains = Remembered(explains)  # the certificate and the next proposal ask the same
+        self.worth = Remembered(lambda past: worth(self.stage(past).costs), _POSTERIORS)
+        """Worth of each θ in each draw of the stage after a record, shape (d, m)."""
+        self.posterior = Remembered(self._posterior, _POSTERIORS)
+        """What the draws of the stage after a record say of each answer."""
+        # The certificate and the next proposal ask the same.
+        self.explains = Remembered(lambda past: explains(past, self.posterior(past)))
         self.pool = Remembered(self._pool, 1)  # the latest one: it is large
         """Draws of the study after a record, which say what other answers would teach."""
 
@@ -589,13 +596,13 @@ class Growth:
 
     def _widen(self, stage: Stage, past: History, turn: int, wide: int) -> tuple[Bank, Int[np.ndarray, " r"]]:
         """Return the bank with the next `wide` θ of the design and all shown, and its design."""
-        start = sum(count for count, _ in self._plan[:turn])
-        z, thetas = self._space.proposals(self._design[start : start + wide])
-        bank, old = self.extend(stage.bank, z, thetas), len(stage.bank)
-        spread = np.append(stage.spread, np.arange(old, len(bank)))
+        bank, spread, start = stage.bank, stage.spread, sum(count for count, _ in self._plan[:turn])
+        if wide or stage.rough:
+            bank = self.extend(bank, *self._space.proposals(self._design[start : start + wide]))
+            spread = np.append(spread, np.arange(len(stage.bank), len(bank)))
         # A person may ask for any θ, also for one that the design never had: answers about it need its KPIs.
-        shown = [np.array([getattr(s, name) for s in past.samples]) for name in ("z", "theta")]
-        return self.extend(bank, *shown), spread
+        z, thetas = np.array([s.z for s in past.samples]), np.array([s.theta for s in past.samples])
+        return bank if bank.holds(thetas) else self.extend(bank, z, thetas), spread
 
     def _learn(
         self, past: History, before: History, bank: Bank, scale: Scale, utilities: Utilities
@@ -604,11 +611,21 @@ class Growth:
         if not past.lessons and not past.unsafe:
             return utilities
         seen = Measured.of(bank, past, self.simulations.reading).on(bank)
-        old, new = Lessons.of(seen, scale, before), Lessons.of(seen, scale, past)
-        if self._taste:
-            earlier = self._earlier_lessons(scale)
-            old, new = old.join(earlier), new.join(earlier)
-        return update(utilities, old, new, scale, self._rng(past, _LEARN))
+        given, old = self.posterior.known(before), self._lessons(seen, scale, before)
+        # KPIs may be measured otherwise now, or nobody asked for the stage before in this session.
+        if given is None or given.utilities is not utilities or old.shared(given.lessons) < len(old):
+            given = Posterior.of(utilities, old)
+        after = given.update(self._lessons(seen, scale, past), scale, self._rng(past, _LEARN))
+        return self.posterior.keep(past, after).utilities
+
+    def _lessons(self, seen: Bank, scale: Scale, past: History) -> Lessons:
+        """Return the answers of `past`, then those of an earlier study."""
+        found = Lessons.of(seen, scale, past)
+        return found.join(self._earlier_lessons(scale)) if self._taste else found
+
+    def _posterior(self, past: History) -> Posterior:
+        stage = self.stage(past)
+        return Posterior.of(stage.utilities, self._lessons(stage.bank, stage.scale, past))
 
     def _refine(self, past: History, stage: Stage, count: int) -> Stage:
         """Return the stage with `count` more θ near the leaders, in rounds if they are many."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.people import Bank, notice_chance, trend, worth
+from prefcal_agents.people import Bank, notice_chance
 from prefcal_agents.result import (
     Influence,
     SmallerChange,
@@ -95,6 +95,26 @@ def chances(stage: Stage, best: int, history: History) -> Float[np.ndarray, " m"
     # As if one more answer had preferred a side: without any, nothing is known against the draws.
     told = (sum(given) + 1) / (len(given) + 1)
     return np.asarray(told * notice_chance(stage.costs[:, best, None] - stage.costs).mean(axis=0))
+
+
+def trend(z: Float[np.ndarray, "m n"], value: Float[np.ndarray, " m"], row: int) -> Float[np.ndarray, " n"]:
+    """Return how the expected worth grows along each knob near one θ, shape (n,).
+
+    It is the slope of a plane through the θ of the bank, of which those near count more.
+
+    Args:
+        z: Points of the cube, shape (m, n).
+        value: Their expected worth, shape (m,).
+        row: Row of the θ.
+    """
+    steps = z - z[row]
+    # Weights of a normal law, whose deviation is a fifth of the cube's diagonal.
+    near = np.exp(-0.5 * np.sum(steps**2, axis=1) / (0.2**2 * z.shape[1]))
+    plane = np.column_stack([np.ones(len(z)), steps])
+    weighted = plane.T * near
+    # The ridge decides where all near θ share a value of a knob: there the slope is 0.
+    square = weighted @ plane + 1e-6 * np.eye(plane.shape[1])
+    return np.asarray(np.linalg.solve(square, weighted @ value)[1:])
 
 
 # --- Say all that can be said, in parts: what comes with a question, what takes seconds, what is simulated.
@@ -236,7 +256,7 @@ def _explain_query(agent: Screening, empty: Findings) -> Findings:
     likely[stage.bank.rows([s.theta for s in history.samples[: history.answered]])] = 0.0
     along = None
     if agent.simulations.candidates is None:
-        along = tuple(trend(stage.bank.z, stage.costs, best).tolist())
+        along = tuple(trend(stage.bank.z, agent.growth.worth(history.past).mean(axis=0), best).tolist())
     kept = None
     if agent.simulations.holds is not None:
         kept = int(agent.simulations.runs_kept(stage.bank.thetas[[best]])[0])
@@ -302,7 +322,7 @@ def _menu(agent: Screening, stage: Stage, past: History, best: int) -> tuple[Alt
 def _robustness(agent: Screening, stage: Stage, past: History, best: int) -> RobustResult:
     # The price of holding alone: compare with what promises most of what keeps the limits nominally.
     bank, eligible = stage.bank, agent.simulations.eligible(stage.bank)
-    rival = int(np.argmax(np.where(eligible, worth(stage.costs).mean(axis=0), -np.inf)))
+    rival = int(np.argmax(np.where(eligible, agent.growth.worth(past).mean(axis=0), -np.inf)))
     kept, other = agent.simulations.runs_kept(bank.thetas[[best, rival]]).tolist()
     found = RobustResult(kept, outdone=bool(~eligible[best]), among=bool(~eligible.all()))
     if rival == best or other == ENOUGH or found.outdone:

@@ -316,8 +316,8 @@ def after(growth, rows, answers, best):
     record = in_chain(growth.stage(History()).bank, rows, answers)
     stage = growth.stage(record)
     theta = growth.stage(History()).bank.thetas[best]
-    explained = growth.explains(record, stage.bank, stage.scale, stage.utilities)
-    return evidence(stage, stage.bank.find(theta), record, explained=explained)
+    given = growth.posterior(record)
+    return evidence(stage, stage.bank.find(theta), record, given, explained=growth.explains(record))
 
 
 def answered(agent, count):

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from prefcal_agents.people import clearly_apart, expected_best, now_and_next, trend, worth
+from prefcal_agents.people import expected_best, worth
+from prefcal_agents.screening.agent import clearly_apart, now_and_next
+from prefcal_agents.screening.findings import trend
 
 COSTS = np.array([[1.0, 3.0, 5.0], [9.0, 0.0, 5.0]])  # places 1 2 3 and 3 1 2, all noticed
 LOG4, LOG5, LOG6 = np.log([4.0, 5.0, 6.0])
@@ -35,10 +37,10 @@ def test_by_hand_what_is_expected_now_and_after_the_next_answer():
     costs = np.array([[5.0, 3.0, 0.0], [5.0, 0.0, 9.0]])  # the first one is the best so far
     # Against the second: both prefer it, and then the third one is better in the first draw alone.
     now, then = -(LOG5 + LOG4) / 2, -LOG4
-    assert now_and_next(costs, 0, every(costs))[1] == pytest.approx((now + then) / 2)
+    assert now_and_next(costs, worth(costs), 0, every(costs))[1] == pytest.approx((now + then) / 2)
     # Only the second one may be shown, now and later: the first draw keeps it, in second place.
     only = np.array([False, True, False])
-    found = now_and_next(costs, 0, only)
+    found = now_and_next(costs, worth(costs), 0, only)
     assert found[1] == pytest.approx(now)
     assert np.isneginf(found[[0, 2]]).all()
 
@@ -48,7 +50,7 @@ def test_a_question_that_tells_two_kinds_of_people_apart_is_worth_more_than_its_
     # is a little better for all, and something a little better for the first half alone.
     costs = np.array([[50.0, 0.0, 90.0, 40.0, 40.0], [50.0, 90.0, 0.0, 40.0, 90.0]])
     costs = np.hstack([np.repeat(costs, 20, axis=0), np.full((40, 60), 99.0)])
-    once, twice = expected_best(costs, 0), now_and_next(costs, 0, every(costs))
+    once, twice = expected_best(costs, 0), now_and_next(costs, worth(costs), 0, every(costs))
     assert np.argmax(twice) in (1, 2)
     for_all, telling = 2 * twice[[3, 4]] - once[[3, 4]]  # after the next answer
     assert once[4] < once[3]
@@ -62,15 +64,15 @@ def test_no_likely_tie_is_asked_while_something_else_promises_enough():
     worse = np.full(10, 20.0)
     costs = np.column_stack([np.full(10, 10.0), likely, worse, np.full((10, 3), 0.5)])
     allowed = np.array([True, True, True, False, False, False])
-    assert np.isfinite(now_and_next(costs, 0, allowed)[1])  # the other one promises nothing
+    assert np.isfinite(now_and_next(costs, worth(costs), 0, allowed)[1])  # the other one promises nothing
     costs[:, 2] = better
-    assert np.isneginf(now_and_next(costs, 0, allowed)[1])
+    assert np.isneginf(now_and_next(costs, worth(costs), 0, allowed)[1])
 
 
 def test_the_trend_points_to_where_worth_grows():
     z = np.random.default_rng(0).random((300, 2))
     costs = np.array([z[:, 0] + 0.01 * z[:, 1], 2 * z[:, 0]])
-    slopes = trend(z, costs, int(np.argmin(z[:, 0])))
+    slopes = trend(z, worth(costs).mean(axis=0), int(np.argmin(z[:, 0])))
     assert slopes[0] < 0
     assert abs(slopes[1]) < 0.3 * abs(slopes[0])
 

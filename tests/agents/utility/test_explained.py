@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from prefcal_agents.people import Lessons, Scale, Utilities, explains, update
+from prefcal_agents.people import Lessons, Posterior, Scale, Utilities, explains
 from prefcal_agents.screening.agent import is_stalled
 from prefcal_env.preferences.history import History
 from support.simulated import in_chain, random_bank
@@ -24,7 +24,7 @@ def kpis_explain(record):
     rng = np.random.default_rng(1)
     before = Utilities.draw(SCALE, 256, rng)
     old, new = (Lessons.of(BANK, SCALE, each) for each in (History(), record))
-    return explains(record, BANK, SCALE, update(before, old, new, SCALE, rng))
+    return explains(record, Posterior.of(before, old).update(new, SCALE, rng))
 
 
 def test_kpis_explain_someone_who_judges_by_them():

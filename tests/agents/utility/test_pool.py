@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from prefcal_agents.people import DRAWS, Lessons, Scale, Utilities, update
+from prefcal_agents.people import DRAWS, Lessons, Posterior, Scale, Utilities
 from prefcal_agents.result import DrawPool, turn
 from prefcal_env.preferences.history import History
 from support.simulated import in_chain, random_bank
@@ -31,7 +31,7 @@ def learned(record, seed=0):
         past = record.until(count)
         if past.lessons:
             old, new = (Lessons.of(BANK, SCALE, part) for part in (before, past))
-            utilities = update(utilities, old, new, SCALE, rng)
+            utilities = Posterior.of(utilities, old).update(new, SCALE, rng).utilities
         given.append((past, utilities))
         before = past
     return given

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from prefcal_agents import people
-from prefcal_agents.people import DRAWS, Lessons, Scale, Utilities, update
+from prefcal_agents.people import DRAWS, Lessons, Posterior, Scale, Utilities
 from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_env.preferences.history import History
 from support.simulated import bank_of, of_pairs, random_bank
@@ -33,11 +33,15 @@ def prior(seed=0):
 
 def learned(*records, seed=0):
     """Draws after each of the records, one after the other."""
-    rng, utilities, old = np.random.default_rng(seed + 100), prior(seed), lessons(History())
+    rng, given = np.random.default_rng(seed + 100), Posterior.of(prior(seed), lessons(History()))
     for record in records:
-        new = lessons(record)
-        utilities, old = update(utilities, old, new, SCALE, rng), new
-    return utilities
+        given = given.update(lessons(record), SCALE, rng)
+    return given.utilities
+
+
+def update(before, old, new, scale, rng):
+    """Draws given new answers, from those given old ones."""
+    return Posterior.of(before, old).update(new, scale, rng).utilities
 
 
 def lessons(record, bank=BANK):
@@ -181,7 +185,7 @@ def test_a_mistake_is_each_of_the_three_answers_alike():
     clear = bank_of([[1e-3, 1e-3, 1e-3], [1e3, 1e3, 1e3], *BANK.kpis[:40]])
     utilities = replace(prior(), errors=np.full(DRAWS, 0.1))
     for answer, chance in ((1, 0.9 + 0.1 / 3), (0, 0.1 / 3), (-1, 0.1 / 3)):
-        found = lessons(of_pairs(clear, [(0, 1)], [answer]), clear).log_probabilities(utilities)
+        found = Posterior.of(utilities, lessons(of_pairs(clear, [(0, 1)], [answer]), clear)).logs
         assert np.exp(np.median(found)) == pytest.approx(chance, rel=1e-3)
 
 
@@ -190,20 +194,34 @@ def test_equal_experiments_are_called_alike_but_for_mistakes():
     utilities = replace(prior(), errors=np.full(DRAWS, 0.12))
     for answer, chance in ((0, 0.92), (-1, 0.04), (1, 0.04)):
         record = of_pairs(same, [(0, 1), (3, 4)], [answer, None])
-        found = lessons(record, same).log_probabilities(utilities)
+        found = Posterior.of(utilities, lessons(record, same)).logs
         assert np.exp(found) == pytest.approx(chance, rel=0.05)
 
 
-def test_old_answers_are_found_among_new_ones_and_kept_where_they_are_gone():
+@pytest.mark.parametrize("undone", [(), (3,), (9, 3)], ids=["more", "one retracted", "two retracted"])
+def test_what_is_carried_on_says_of_each_answer_what_is_worked_out_anew(undone):
+    pairs = pairs_of(8)
+    record = of_pairs(BANK, pairs, [*sure(pairs)[:6], 0, 0])
+    rng, given = np.random.default_rng(5), Posterior.of(prior(), lessons(History()))
+    given = given.update(lessons(of_pairs(BANK, pairs[:5], sure(pairs)[:5])), SCALE, rng)
+    for number in undone:
+        record = record.retracted(number)
+    again, after = Posterior.of(given.utilities, given.lessons), given.update(lessons(record), SCALE, rng)
+    anew = Posterior.of(after.utilities, lessons(record))
+    for carried, worked_out in ((given, again), (after, anew)):
+        assert np.array_equal(carried.logs, worked_out.logs)
+        assert np.array_equal(carried.apart, worked_out.apart)
+    assert len(after.lessons) == 8 - len(undone)
+
+
+def test_answers_are_shared_up_to_the_first_that_is_another_one():
     pairs = pairs_of(6)
     record = of_pairs(BANK, pairs, sure(pairs))
-    old, new, draws = lessons(record), lessons(record.retracted(3).retracted(9)), prior().some(64)
-    united, places = new.unite(old)
-    assert (len(old), len(new), len(united)) == (6, 4, 6)
-    assert places.tolist() == [0, 4, 1, 2, 5, 3]
-    found = united.log_probabilities(draws)
-    assert np.array_equal(found[:, :4], new.log_probabilities(draws))
-    assert np.array_equal(found[:, places], old.log_probabilities(draws))
+    every = lessons(record)
+    assert every.shared(every) == every.shared(every.take(np.arange(6))) == 6
+    assert every.shared(every.first(4)) == every.first(4).shared(every) == 4
+    assert every.shared(lessons(record.retracted(5))) == 2
+    assert every.shared(lessons(of_pairs(BANK, pairs, [*sure(pairs)[:3], 0, *sure(pairs)[4:]]))) == 3
 
 
 def test_what_few_answers_refuse_all_answers_refuse(monkeypatch):

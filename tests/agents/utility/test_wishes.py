@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_agents.people import DRAWS, Lessons, Scale, Utilities, update
+from prefcal_agents.people import DRAWS, Lessons, Posterior, Scale, Utilities
 from prefcal_agents.result import DrawPool, wishes
 from prefcal_env.preferences.history import History
 from support.simulated import of_pairs, random_bank
@@ -23,8 +23,8 @@ def taught(kpi, count=20):
     record = of_pairs(BANK, some, [int(np.sign(values[new] - values[old])) for old, new in some])
     rng = np.random.default_rng(0)
     before = Utilities.draw(SCALE, DRAWS, rng)
-    lessons = [Lessons.of(BANK, SCALE, part) for part in (History(), record)]
-    after = update(before, *lessons, SCALE, rng)
+    old, new = [Lessons.of(BANK, SCALE, part) for part in (History(), record)]
+    after = Posterior.of(before, old).update(new, SCALE, rng).utilities
     return DrawPool.of(BANK, SCALE, LOGS, [(History(), before), (record, after)]), record
 
 
