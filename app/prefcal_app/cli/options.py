@@ -48,7 +48,9 @@ class Described:
         reference: Desired value of an output, for example level=2. Repeat the option for more.
         plant: Plant of a standard controller: a prefcal plant, a system of {systems}scipy,
             (A, B, C, D), or the record of a step test (see `prefcal identify`).
-        limit: Limit of a KPI or margin, for example "overshoot <= 10 %" or "phase_margin >= 45".
+        limit: Limit of a KPI or margin, for example "overshoot <= 2.5 %" or "phase_margin >= 45": its
+            name, as in `prefcal check`, or its title, <= or >=, a number with a decimal point, and a unit.
+            Repeat the option for more.
             Repeat the option for more.
         stop_time: Duration of an experiment, in the model's unit of time.
         config: Configuration of the scenario, for example the road and traffic of overtake.
@@ -420,8 +422,9 @@ class VerifyOptions:
     Args:
         best: The best.json of a report.
         runs: Number of random runs; 299 good ones show that less than 1 % are bad.
-        limit: Limit by which to judge, beside those of the study, for example "overshoot <= 10 %" or
-            "phase_margin >= 45". Repeat the option for more.
+        limit: Limit by which to judge, beside those of the study, for example "overshoot <= 2.5 %" or
+            "phase_margin >= 45": the name of a KPI or margin, or its title, <= or >=, a number with a
+            decimal point, and a unit. Repeat the option for more.
         range: Relative change of a factor or a kind of factors; 0 leaves it out.
         seed: Seed of the variations: with another one, all plants are new.
         jobs: Number of processes.
