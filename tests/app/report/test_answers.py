@@ -49,7 +49,10 @@ def test_who_answered_what_and_why_the_result_is_the_result():
     found = dict(answers(replace(record, outlook=told)))
     assert found["Enough answers?"] == "Fewer than 4 % are better."
     assert found["Why this one"] == "The answers fit these wishes: calmness."
-    holds = ("The result keeps the limits in all 300 perturbed runs.", "They vary the gain.")
+    holds = (
+        "The result keeps the limits in all 300 runs with varied plants (not sensors, actuators or task).",
+        "They vary the gain.",
+    )
     told = replace(told, result=(*holds, *told.result))
     robust = replace(record, outlook=told, trust="A sum predicted 4 of 6 answers.", robust=holds)
     found = dict(answers(robust))
