@@ -18,7 +18,7 @@ from rich.table import Table
 from prefcal_app.looking import SideBySide
 from prefcal_app.looking.look import run_from
 from prefcal_app.looking.pair import NamedRun
-from prefcal_app.report.export import export_controller
+from prefcal_app.report.export import export_controller, holds
 from prefcal_app.report.write import judge, picture, verify_best, written_beside
 from prefcal_app.terminal.showing import ask_line, say, show_kpis
 from prefcal_env.errors import SettingsError
@@ -299,7 +299,7 @@ def export(options: ExportOptions) -> None:
     if not options.out.parent.is_dir():
         raise SettingsError(f"--out must be in an existing folder, got {str(options.out)!r}")
     put(options.out, text.encode())
-    print(f"Written: {options.out}", flush=True)
+    print(f"Written: {options.out}. {holds(Path(options.best))}", flush=True)
 
 
 def _spans(ranges: str) -> tuple[float, float] | None:

@@ -262,8 +262,9 @@ def test_code_is_that_of_the_controller_and_says_where_it_is_from(heater, to):
     text = export_controller(heater, to, name="heater")
     named = Channels((), (Channel("valve", "%"),), (Channel("T", "°C"),), "s")
     expected = as_code(HEATER, to, named, name="heater")
-    first, rest = text.split("\n", 1)
-    assert rest == "   " + expected[len("/* ") :]  # one line more in the first comment
+    first, held, rest = text.split("\n", 2)
+    assert held.startswith("   Not verified on other plants than the modeled one")
+    assert rest == "   " + expected[len("/* ") :]  # two lines more in the first comment
     assert json.loads(heater.read_text("utf-8"))["title"] in first
     assert "SHA-256 of best.json: " in first
 
