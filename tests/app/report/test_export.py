@@ -274,7 +274,7 @@ def test_the_forms_have_equations_numbers_and_units(heater):
     assert "parallel: K_p e + K_i ∫e dt + K_d de/dt" in lines
     assert "T_i 2 min" in lines
     assert "1/T_i (repeats per minute) 0.5 1/min" in lines
-    assert "K_i 1 %/°C/min" in lines
+    assert "K_i 1 %/(°C min)" in lines
     in_percent = export_controller(heater, "forms", spans=(50.0, 100.0))
     lines = [" ".join(line.split()) for line in in_percent.splitlines()]
     assert "PB (proportional band) 100 %" in lines  # 2 %/°C over 50 °C: 1 % a %
