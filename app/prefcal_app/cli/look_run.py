@@ -279,7 +279,9 @@ def _sentence(text: str) -> str:
 
 
 def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
-    table = Table(*map(plain, columns), box=None, header_style="bold")
+    table = Table(box=None, header_style="bold")
+    for name in columns:
+        table.add_column(plain(name), overflow="fold")
     for row in rows:
         table.add_row(*map(plain, row))
     return table

@@ -393,12 +393,13 @@ def verify_best(
     if tuning.own and timeout is None:
         timeout = DEFAULT_LIMIT
     if there := _there(best.parent):
-        runs, seed = there.planned if runs is None else runs, there.seed if seed is None else seed
+        runs = there.planned or RUNS if runs is None else runs
         limits, ranges = (
-            (there.limits if limits is None else limits),
-            (there.ranges if ranges is None else ranges),
+            there.limits if limits is None else limits,
+            there.ranges if ranges is None else ranges,
         )
-    runs, limits, ranges, seed = runs or RUNS, tuple(limits or ()), ranges or {}, seed or 0
+        seed = there.seed if seed is None else seed
+    runs, limits, ranges, seed = RUNS if runs is None else runs, tuple(limits or ()), ranges or {}, seed or 0
     tuning, own = _limited(tuning, limits, timeout), tuning.scenario.kpis
     if tuning.scenario.source.asks:
         found = unvaried(tuning.scenario, tuning.theta, tuning)
