@@ -23,6 +23,7 @@ from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.study import Concluded, State
 from prefcal_scenarios.own import fingerprint
 from prefcal_scenarios.scenario import Scenario
+from prefcal_scenarios.verification.said import BEST
 from prefcal_scenarios.wording import labeled, printable
 
 from .choices import IN_MEMORY, follows_cost
@@ -153,7 +154,11 @@ _BETWEEN, _LEAST = 2, 20  # characters between columns, and the least that a col
 
 
 def show(record: StudyRecord, report: Path, console: Console) -> None:
-    """Print what was gained, the best θ next to the references, and the path of the report."""
+    """Print what was gained, the best θ next to the references, whether it holds, and the report's path."""
+    # Imported here: options and messages need nothing that draws.
+    from prefcal_app.report.export import verified_beside
+    from prefcal_app.report.write import verdict_of
+
     if record.best is not None:
         gain, result = gain_of(record), result_table(record)
         if not gain["same"]:
@@ -161,6 +166,10 @@ def show(record: StudyRecord, report: Path, console: Console) -> None:
         console.print(*_drawn(record.scenario.title, result, console))
         if gain["before"]:
             say(console, gain["back"])
+        if record.scenario.source.candidates is None:
+            best = report.parent / BEST
+            verdict = verdict_of(record, verified_beside(best))
+            say(console, verdict.replace(f"verify {BEST}", shlex.join(["verify", str(best)])))
     if record.kept:
         say(console, kept_text(record.kept))
     show_outlook(record, console)

@@ -392,14 +392,7 @@ def verify_best(
     tuning = _verifiable(best)
     if tuning.own and timeout is None:
         timeout = DEFAULT_LIMIT
-    if there := _there(best.parent):
-        runs = there.planned or RUNS if runs is None else runs
-        limits, ranges = (
-            there.limits if limits is None else limits,
-            there.ranges if ranges is None else ranges,
-        )
-        seed = there.seed if seed is None else seed
-    runs, limits, ranges, seed = RUNS if runs is None else runs, tuple(limits or ()), ranges or {}, seed or 0
+    runs, limits, ranges, seed = _asked(best.parent, runs, limits, ranges, seed)
     tuning, own = _limited(tuning, limits, timeout), tuning.scenario.kpis
     if tuning.scenario.source.asks:
         found = unvaried(tuning.scenario, tuning.theta, tuning)
@@ -423,6 +416,22 @@ def verify_best(
         said = replace(said, advice=tuple(_with_limits(said.advice, limits, tuning.source)))
     _keep(said, found, tuning, best, timeout)
     return said
+
+
+def _asked(
+    folder: Path, runs: int | None, limits: Sequence[str] | None, ranges: Ranges | None, seed: int | None
+) -> tuple[int, tuple[str, ...], Ranges, int]:
+    """Return what is asked of a verification: what is None as in the one in a folder, else as usual."""
+    there = _there(folder)
+    known: tuple[int, tuple[str, ...], Ranges, int] = (RUNS, (), {}, 0)
+    if there is not None:
+        known = there.planned or RUNS, there.limits, there.ranges, there.seed
+    return (
+        known[0] if runs is None else runs,
+        known[1] if limits is None else tuple(limits),
+        known[2] if ranges is None else ranges,
+        known[3] if seed is None else seed,
+    )
 
 
 def _verifiable(best: Path) -> BestTuning:

@@ -163,7 +163,6 @@ def test_it_offers_to_stop_and_going_on_is_respected(browser, screen):
     page.wait_for_selector("#offer:visible")
     page.click("#offer-finish")
     watched.phase("over")
-    page.click("text=How much is left to gain")
     page.wait_for_function(
         "() => document.getElementById('view-over').innerText.includes('simulated is better than')"
     )
@@ -205,7 +204,7 @@ def test_the_end_leads_to_the_answer_that_matters_and_to_other_candidates(browse
     watched.answer("ArrowLeft")
     page.keyboard.press("ArrowRight")
     watched.phase("over")
-    page.click("text=How much is left to gain")
+    page.click("text=More on what is left to gain")
     page.wait_for_selector("text=2 of 3 knobs can stay as before")
     page.click("text=Look at the smaller change")  # simulated apart from all others, and in the picture
     page.wait_for_function("() => document.querySelector('#point .values')?.textContent.includes('21')")
@@ -220,8 +219,8 @@ def test_the_end_leads_to_the_answer_that_matters_and_to_other_candidates(browse
     assert "left is better" in page.inner_text("#again").lower()
     page.keyboard.press("Escape")
     assert page.locator("button.other").all_inner_texts() == [
-        "lower settling time t_f",
-        "final level nearer to its target",
+        "lower settling time tf 1",
+        "final level nearer to its target 2",
     ]
     page.click("button.other >> nth=1")
     page.wait_for_selector("#point h3")
