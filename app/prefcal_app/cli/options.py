@@ -421,7 +421,7 @@ class VerifyOptions:
     """Options of `prefcal verify`, in the order of its help.
 
     Args:
-        best: The best.json of a report.
+        best: The best.json of a report, or its folder.
         runs: Number of random runs; 299 good ones show that less than 1 % are bad.
         limit: Limit by which to judge, beside those of the study, for example "overshoot <= 2.5 %" or
             "phase_margin >= 45": the name of a KPI or margin, or its title, <= or >=, a number with a
@@ -454,7 +454,7 @@ class ExportOptions:
     """Options of `prefcal export`, in the order of its help.
 
     Args:
-        best: The best.json of a report.
+        best: The best.json of a report, or its folder.
         to: st: IEC 61131-3 structured text of a PID; c: C99 of a PID, LQR, LQG or linear MPC; forms: the
             numbers of a PID in ISA, parallel and series form.
         name: Name of the function block, or of the C function.

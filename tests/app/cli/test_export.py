@@ -36,6 +36,7 @@ def test_structured_text_goes_to_a_file_or_is_printed(prefcal, best, tmp_path):
     code, out, err = prefcal("export", best, "--to", "st", "--name", "Heater")
     assert (code, err) == (0, "")
     assert "FUNCTION_BLOCK Heater\n" in out
+    assert prefcal("export", ".", "--to", "st", "--name", "Heater")[1] == out  # the folder names it, too
     code, told, _ = prefcal("export", best, "--to", "st", "--name", "Heater", "--out", "heater.st")
     held = "Not verified on other plants than the modeled one: run prefcal verify best.json."
     assert (code, told.strip()) == (0, f"Written: heater.st. {held}")
