@@ -242,10 +242,14 @@ def _held(
             f"{which} does not hold: it misses {lost} nominally, and a simulated θ keeps all limits.{keeps}"
         )
     if limited and (met or nominal is None):
-        those = f"those that it meets nominally ({_listed(met)})" if met else "those that it meets nominally"
+        those = (
+            f"the limit{'s' * (len(met) > 1)} on {_listed(met)}"
+            if met
+            else "all limits that it meets nominally"
+        )
         if kept >= ENOUGH:
-            return f"{which} keeps, of the stated limits, {those} in all {ENOUGH} runs {_VARIED}.{left}"
-        lost = f"keep, of the stated limits, {those}"
+            return f"{which} keeps {those} in all {ENOUGH} runs {_VARIED}.{left}"
+        lost = f"keep {those}"
     else:
         none = "it meets no stated limit nominally" if limited else "no limit is stated"
         reach = "safely and reach what the nominal run reaches"
