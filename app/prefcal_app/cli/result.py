@@ -198,7 +198,9 @@ def _drawn(title: str, table: Mapping[str, Any], console: Console) -> Iterator[T
         stop, room = start + 1, console.width - min(_LEAST, longest) - widths[start] - _BETWEEN
         while stop < len(heads) and (room := room - widths[stop] - _BETWEEN) >= 0:
             stop += 1
-        made = Table(title=title or None, title_style="bold", title_justify="left", box=None, pad_edge=False)
+        made = Table(
+            title=plain(title) or None, title_style="bold", title_justify="left", box=None, pad_edge=False
+        )
         made.padding = (0, _BETWEEN, 0, 0)
         made.add_column("", overflow="fold")
         for head, width in zip(heads[start:stop], widths[start:stop], strict=True):

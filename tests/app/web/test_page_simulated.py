@@ -296,6 +296,8 @@ def test_one_key_looks_at_another_candidate_and_one_chooses_it(menu):
     page.keyboard.press("c")
     page.keyboard.press("c")  # a double press chooses once
     page.wait_for_selector("#view-over h3 >> text=The result: experiment 4")
+    heads = page.locator("#view-over h3").all_inner_texts()  # it has no report to verify
+    assert heads == ["The result: experiment 4", "What you got", "What next?", "Why this one"]
     assert page.is_hidden("#banner")
     assert served.state.ended == "all compared"
     assert page.locator("#view-over >> text=Keep comparing").count() == 0  # nothing is left to compare
