@@ -129,6 +129,7 @@ def query_window(folder: Path) -> tuple[Pictures, Story]:
     told = json.loads(prefcal("studies", "show", str(folder / "study.prefcal"), "--json"))
     moving, still, answers = calibrating(folder, [asked["verdict"] for asked in told["questions"]])
     story = {"answers": answers, "settling time before": found["costs"][1], "after": found["cost"]}
+    story["overshoot after"] = found["kpis"]["overshoot"]
     return {"calibrating.webp": moving, "query_window.png": still}, story
 
 

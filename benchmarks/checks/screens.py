@@ -113,6 +113,8 @@ def calibrating(folder: Path, verdicts: Sequence[str]) -> tuple[bytes, bytes, in
                 break
             watched.question(before)
         page.wait_for_function(_SAYS_ALL, timeout=180_000)
+        shots.append((page.screenshot(), 2.4))
+        page.eval_on_selector(".gain table", "table => table.scrollIntoView({ block: 'end' })")
         shots.append((page.screenshot(), 3.3))
     if not picture:
         raise RuntimeError(

@@ -102,17 +102,26 @@ def _time(value: float | None) -> float:
     return inf if value is None else value  # None in plain data, for no integral action
 
 
+def _with_time(gain: str, time: str) -> tuple[str, str]:
+    """Return the units of a gain per time and times time, such as %/(°C min) and % min/°C."""
+    above, slash, below = gain.partition("/")
+    if slash and time and not set("/( ") & set(below):
+        return f"{above}/({below} {time})", f"{above} {time}/{below}"
+    return f"{gain or '1'}/{time}", f"({gain}) {time}" if slash else f"{gain} {time}".strip()
+
+
 def _forms(pid: Mapping[str, Any], end: str, gain: str, time: str) -> Iterator[PIDParameter]:
     K_p, T_i, T_d, N = (pid[name] for name in ("K_p", "T_i", "T_d", "N"))
-    plain, T_f, minutes = gain or "1", T_d / N, conversion(time, "min")
+    per_time, times = _with_time(gain, time)
+    T_f, minutes = T_d / N, conversion(time, "min")
     yield PIDParameter(BOTH, f"K_p{end}", K_p, gain)
     yield PIDParameter(ISA, f"T_i{end}", T_i, time)
     if minutes is not None:
         rate = 1 / (T_i * minutes.factor)
         yield PIDParameter(ISA, f"1/T_i{end} (repeats per minute)", rate, "1/min", "1/T_i")
     yield PIDParameter(ISA, f"T_d{end}", T_d, time)
-    yield PIDParameter(PARALLEL, f"K_i{end}", K_p / T_i, f"{plain}/{time}", "K_p/T_i")
-    yield PIDParameter(PARALLEL, f"K_d{end}", K_p * T_d, f"{gain} {time}".strip(), "K_p T_d")
+    yield PIDParameter(PARALLEL, f"K_i{end}", K_p / T_i, per_time, "K_p/T_i")
+    yield PIDParameter(PARALLEL, f"K_d{end}", K_p * T_d, times, "K_p T_d")
     K, lag, lead = _series(K_p, T_i, T_d, T_f)
     none = NO_SERIES if K != K else ""
     yield PIDParameter(SERIES, f"K_p′{end}", K, gain, none or "K_p T_i′/T_i")

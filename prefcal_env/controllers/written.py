@@ -154,12 +154,23 @@ def _check_name(name: str, controller: Controller) -> None:
 
 def _comment(*lines: str) -> str:
     """Return the lines of a comment in ASCII, which every editor of a control system reads."""
-    text = "\n   ".join(" ".join(line.split()) for line in lines if line)
-    for sign, ascii_ in {"°": "deg", "·": ".", "*": ".", "µ": "u", "Ω": "Ohm", "′": "'", "−": "-"}.items():
+    parts = (part for line in lines for part in line.splitlines())
+    text = "\n   ".join(" ".join(part.split()) for part in parts if part.strip())
+    for sign, ascii_ in {
+        "°": "deg",
+        "·": ".",
+        "*": ".",
+        "µ": "u",
+        "Ω": "Ohm",
+        "′": "'",
+        "−": "-",
+        "≤": "<=",
+        "≥": ">=",
+    }.items():
         text = text.replace(sign, ascii_)
-    parts = [c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c)]
+    plain = [c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c)]
     # No "?" for the others: in C, two of them and a slash may be a trigraph.
-    return "".join(c if c.isascii() else "_" for c in parts)
+    return "".join(c if c.isascii() else "_" for c in plain)
 
 
 def _time_of(channels: Channels) -> str:

@@ -168,7 +168,8 @@ def _with_ranges(factor: Factor, ranges: Ranges) -> Factor:
     if low < least or high > most:
         raise SettingsError(
             f"{factor.name!r} would be {low:.4g} to {high:.4g} {factor.unit}".rstrip()
-            + f", but only {least:.4g} to {most:.4g} is possible: got a change of {change}"
+            + f", but only {least:.4g} to {most:.4g} is possible: got a change of {change} "
+            "(0:0.5 would change it upward only)"
         )
     changed = replace(factor, low=low, high=high, stated=True)
     return changed.stepped(factor.step) if factor.step else changed

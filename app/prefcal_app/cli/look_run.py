@@ -18,7 +18,7 @@ from rich.table import Table
 from prefcal_app.looking import SideBySide
 from prefcal_app.looking.look import run_from
 from prefcal_app.looking.pair import NamedRun
-from prefcal_app.report.export import export_controller
+from prefcal_app.report.export import export_controller, holds
 from prefcal_app.report.write import judge, picture, verify_best, written_beside
 from prefcal_app.terminal.showing import ask_line, say, show_kpis
 from prefcal_env.errors import SettingsError
@@ -27,7 +27,7 @@ from prefcal_env.tables import TableColumns
 from prefcal_scenarios.described.description import listed
 from prefcal_scenarios.runs import Progress
 from prefcal_scenarios.scenario import KPI
-from prefcal_scenarios.verification.said import FILE, NOT_VARIED, VARIED, Verified
+from prefcal_scenarios.verification.said import BEST, FILE, NOT_VARIED, VARIED, Verified
 from prefcal_scenarios.wording import printable, put
 
 from .calibrate import interruption
@@ -198,7 +198,7 @@ def _bars() -> Iterator[Progress]:
 
 def verify(options: VerifyOptions) -> int:
     """Verify the tuning; return the exit code."""
-    best, console = Path(options.best), Console(emoji=False)
+    best, console = _best(options.best), Console(emoji=False)
     with _bars() as progress:
         said = verify_best(
             best,
@@ -229,6 +229,11 @@ def verify(options: VerifyOptions) -> int:
                 judge(best.parent, k, acceptable=_VERDICTS[told])
     say(console, f"Kept in {best.parent / FILE}.")
     return 0
+
+
+def _best(place: str) -> Path:
+    """Return the path of a best.json, which may be named by its folder."""
+    return Path(place, BEST) if Path(place).is_dir() else Path(place)
 
 
 def _range(text: str) -> tuple[str, float | list[float]]:
@@ -279,7 +284,9 @@ def _sentence(text: str) -> str:
 
 
 def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
-    table = Table(*map(plain, columns), box=None, header_style="bold")
+    table = Table(box=None, header_style="bold")
+    for name in columns:
+        table.add_column(plain(name), overflow="fold")
     for row in rows:
         table.add_row(*map(plain, row))
     return table
@@ -290,8 +297,9 @@ def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
 
 def export(options: ExportOptions) -> None:
     """Write the controller of a best.json into a file, or print it."""
+    best = _best(options.best)
     text = export_controller(
-        options.best, options.to, name=options.name, time=options.time, spans=_spans(options.ranges)
+        best, options.to, name=options.name, time=options.time, spans=_spans(options.ranges)
     )
     if options.out is None:
         print(text, end="", flush=True)
@@ -299,7 +307,7 @@ def export(options: ExportOptions) -> None:
     if not options.out.parent.is_dir():
         raise SettingsError(f"--out must be in an existing folder, got {str(options.out)!r}")
     put(options.out, text.encode())
-    print(f"Written: {options.out}", flush=True)
+    print(f"Written: {options.out}. {holds(best)}", flush=True)
 
 
 def _spans(ranges: str) -> tuple[float, float] | None:

@@ -48,7 +48,9 @@ class Described:
         reference: Desired value of an output, for example level=2. Repeat the option for more.
         plant: Plant of a standard controller: a prefcal plant, a system of {systems}scipy,
             (A, B, C, D), or the record of a step test (see `prefcal identify`).
-        limit: Limit of a KPI or margin, for example "overshoot <= 10 %" or "phase_margin >= 45".
+        limit: Limit of a KPI or margin, for example "overshoot <= 2.5 %" or "phase_margin >= 45": its
+            name, as in `prefcal check`, or its title, <= or >=, a number with a decimal point, and a unit.
+            Repeat the option for more.
             Repeat the option for more.
         stop_time: Duration of an experiment, in the model's unit of time.
         config: Configuration of the scenario, for example the road and traffic of overtake.
@@ -88,8 +90,9 @@ class Options(Described):
             with the agent glisp.
         twin: A rough model of the plant: simulate unseen on this scenario, and run only what is
             shown. It has the plant's knobs and KPIs; prefcal learns how both differ.
-        robust: Look for a result that also keeps the limits in 300 perturbed runs: parameters and dead
-            time vary as in `prefcal verify`, and the seed of the noise. What that costs is said at the end.
+        robust: Look for a result that also keeps the limits in 300 runs with varied plants: parameters and
+            dead time vary as in `prefcal verify`, and the seed of the noise, but not sensors, actuators and
+            task. What that costs is said at the end.
         study: Study to start or to resume: a name in your data folder, or a file (with a / or a
             suffix).
         seed: Seed of the agent, the calibrator and the order of the two sides.
@@ -418,10 +421,11 @@ class VerifyOptions:
     """Options of `prefcal verify`, in the order of its help.
 
     Args:
-        best: The best.json of a report.
+        best: The best.json of a report, or its folder.
         runs: Number of random runs; 299 good ones show that less than 1 % are bad.
-        limit: Limit by which to judge, beside those of the study, for example "overshoot <= 10 %" or
-            "phase_margin >= 45". Repeat the option for more.
+        limit: Limit by which to judge, beside those of the study, for example "overshoot <= 2.5 %" or
+            "phase_margin >= 45": the name of a KPI or margin, or its title, <= or >=, a number with a
+            decimal point, and a unit. Repeat the option for more.
         range: Relative change of a factor or a kind of factors; 0 leaves it out.
         seed: Seed of the variations: with another one, all plants are new.
         jobs: Number of processes.
@@ -450,7 +454,7 @@ class ExportOptions:
     """Options of `prefcal export`, in the order of its help.
 
     Args:
-        best: The best.json of a report.
+        best: The best.json of a report, or its folder.
         to: st: IEC 61131-3 structured text of a PID; c: C99 of a PID, LQR, LQG or linear MPC; forms: the
             numbers of a PID in ISA, parallel and series form.
         name: Name of the function block, or of the C function.

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from rich.cells import cell_len
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -22,6 +23,7 @@ from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.study import Concluded, State
 from prefcal_scenarios.own import fingerprint
 from prefcal_scenarios.scenario import Scenario
+from prefcal_scenarios.verification.said import BEST
 from prefcal_scenarios.wording import labeled, printable
 
 from .choices import IN_MEMORY, follows_cost
@@ -147,20 +149,27 @@ def as_json(record: StudyRecord, options: Options, report: Path | None, simulate
 
 _SIGNS = {None: ("  ", ""), True: (" ✓", "green"), False: (" ✗", "red")}
 """Sign and style of a value that meets its objective, or does not."""
-_STYLES = {"yes": "green", "no": "red"}  # style of a cell by its last class
+_STYLES = {"yes": "green", "no": "red", "best": "bold blue"}  # style of a cell by its last class
+_BETWEEN, _LEAST = 2, 20  # characters between columns, and the least that a column of longer names gets
 
 
 def show(record: StudyRecord, report: Path, console: Console) -> None:
-    """Print what was gained, the best θ next to the references, and the path of the report."""
+    """Print what was gained, the best θ next to the references, whether it holds, and the report's path."""
+    # Imported here: options and messages need nothing that draws.
+    from prefcal_app.report.export import verified_beside
+    from prefcal_app.report.write import verdict_of
+
     if record.best is not None:
         gain, result = gain_of(record), result_table(record)
         if not gain["same"]:
-            console.print(_drawn(gain["title"], gain["table"]))
-        shown = _drawn(record.scenario.title, result)
-        shown.columns[1].style = "bold blue"
-        console.print(shown)
+            console.print(*_drawn(gain["title"], gain["table"], console))
+        console.print(*_drawn(record.scenario.title, result, console))
         if gain["before"]:
             say(console, gain["back"])
+        if record.scenario.source.candidates is None:
+            best = report.parent / BEST
+            verdict = verdict_of(record, verified_beside(best))
+            say(console, verdict.replace(f"verify {BEST}", shlex.join(["verify", str(best)])))
     if record.kept:
         say(console, kept_text(record.kept))
     show_outlook(record, console)
@@ -174,22 +183,42 @@ def show_outlook(record: StudyRecord, console: Console, said: Sequence[str] = ()
             console.print(line, soft_wrap=True, markup=False, highlight=False)
 
 
-def _drawn(title: str, table: Mapping[str, Any]) -> Table:
-    """Return a table of the view for the console: a column of names, and columns of values."""
-    drawn = Table("", title=plain(title), title_style="bold", title_justify="left")
-    for column in table["columns"][1:]:
-        drawn.add_column(plain(column["name"]), justify="right")
-    signed = {k for row in table["rows"] for k, cell in enumerate(row["cells"]) if cell["met"] is not None}
-    for row in table["rows"]:
-        cells = [
-            Text.assemble(
-                (cell["text"], _STYLES.get(cell["kind"].rpartition(" ")[2], "")),
-                _SIGNS[cell["met"]] if k in signed else "",
-            )
-            for k, cell in enumerate(row["cells"])
-        ]
-        drawn.add_row(plain(labeled(row["name"], row["unit"])), *cells)
-    return drawn
+def _drawn(title: str, table: Mapping[str, Any], console: Console) -> Iterator[Table]:
+    """Yield a table of the view for the console; columns for which there is no room are in further ones."""
+    names = [plain(labeled(row["name"], row["unit"])) for row in table["rows"]]
+    heads = [plain(column["name"]) for column in table["columns"][1:]]
+    columns = [_texts([row["cells"][k] for row in table["rows"]]) for k in range(len(heads))]
+    # Without a width, Rich breaks the words of values and keeps those of names.
+    widths = [
+        max(map(cell_len, [*head.split(), *(text.plain for text in texts)]))
+        for head, texts in zip(heads, columns, strict=True)
+    ]
+    start, longest = 0, max(map(cell_len, names))
+    while start < len(heads):
+        stop, room = start + 1, console.width - min(_LEAST, longest) - widths[start] - _BETWEEN
+        while stop < len(heads) and (room := room - widths[stop] - _BETWEEN) >= 0:
+            stop += 1
+        made = Table(
+            title=plain(title) or None, title_style="bold", title_justify="left", box=None, pad_edge=False
+        )
+        made.padding = (0, _BETWEEN, 0, 0)
+        made.add_column("", overflow="fold")
+        for head, width in zip(heads[start:stop], widths[start:stop], strict=True):
+            made.add_column(head, justify="right", width=width)
+        for name, *cells in zip(names, *columns[start:stop], strict=True):
+            made.add_row(name, *cells)
+        yield made
+        title, start = "", stop
+
+
+def _texts(cells: Sequence[Mapping[str, Any]]) -> list[Text]:
+    """Return the values of a column, with signs of whether they meet their objectives, if it has any."""
+    signed = any(cell["met"] is not None for cell in cells)
+    styles = [_STYLES.get(cell["kind"].rpartition(" ")[2], "") for cell in cells]
+    signs = [_SIGNS[cell["met"]] if signed else "" for cell in cells]
+    return [
+        Text.assemble((c["text"], style), sign) for c, style, sign in zip(cells, styles, signs, strict=True)
+    ]
 
 
 def plain(text: str) -> str:

@@ -34,6 +34,7 @@ from prefcal_scenarios.described.making import controller_of
 from prefcal_scenarios.names import CASES, is_built_in
 from prefcal_scenarios.own import file_in, files_of, fingerprint, joined_source, runs_code, split_source
 from prefcal_scenarios.scenario import Scenario, with_ranges
+from prefcal_scenarios.verification.said import BEST, FILE, Verified
 from prefcal_scenarios.wording import MISSING, number, with_unit
 
 from .record import StudyRecord, refuse_changed, refuse_outdated, written_as
@@ -211,13 +212,13 @@ def export_controller(
     if not (isinstance(theta, dict) and all(map(is_number, theta.values()))):
         raise ScenarioError(f"theta in {str(path)!r} must be a table of numbers, got {theta!r:.200}")
     refuse_outdated(Path(path), content)
-    channels, described = _channels_of(content), _described(content, path)
+    channels, described, held = _channels_of(content), _described(content, path), holds(Path(path))
     if to == FORMS:
         settings, units = {} if described is None else as_data(described), content.get("units", {})
         found = pid_forms(settings, units, channels.time_unit, shown=time, spans=spans)
         if not found:
             raise SettingsError(f"only a PID has forms; {str(path)!r} holds another controller")
-        return _as_text(found)
+        return f"{held}\n{_as_text(found)}"
     if time or spans is not None:
         raise SettingsError(f"units of time and ranges are for {FORMS!r} only: code has those of the plant")
     if described is None:
@@ -227,7 +228,9 @@ def export_controller(
             "prefcal_env.controllers.as_code and load_controller, which does"
         )
     _check_channels(as_data(described), channels, path)
-    return as_code(described, to, channels, name=name or "tuned", about=_about(content, channels, digest))
+    return as_code(
+        described, to, channels, name=name or "tuned", about=_about(content, channels, digest, held)
+    )
 
 
 def _check_channels(settings: Mapping[str, Any], channels: Channels, path: str | Path) -> None:
@@ -249,13 +252,38 @@ def _check_channels(settings: Mapping[str, Any], channels: Channels, path: str |
             )
 
 
-def _about(content: Mapping[str, Any], channels: Channels, digest: str) -> str:
-    """Return where a controller is from, and what its signals are if they are no readings."""
+NOT_VERIFIED = "Not verified on other plants than the modeled one: run prefcal verify best.json."
+
+
+def verified_beside(best: Path) -> Verified | str:
+    """Return what was verified of a best.json; if that is not known, why, and "" if nothing was verified."""
+    try:
+        found = Verified.read(best.parent) if best.name == BEST else None
+    except ScenarioError:
+        return f"{FILE} is damaged, or of another version of prefcal"
+    if found is None and best.name == BEST and (best.parent / FILE).is_file():
+        return f"{FILE} is of another {BEST}: of another tuning, or of other versions of the libraries"
+    return found or ""
+
+
+def holds(best: Path) -> str:
+    """Return whether a tuning holds, by the verification beside its best.json, in a line."""
+    said = verified_beside(best)
+    if isinstance(said, str):
+        return f"{NOT_VERIFIED} {said}.".removesuffix(" .")
+    first, *more = said.headline.removesuffix(".").split(". ")
+    changed = f". {more[0]}" if ":" not in first and more else ""  # first, that the files are others now
+    return f"{first}{changed}.{said.verdict.removeprefix(said.headline)}"
+
+
+def _about(content: Mapping[str, Any], channels: Channels, digest: str, held: str) -> str:
+    """Return where a controller is from, whether it holds, and what signals that are no readings are."""
     study = (content.get("origin") or {}).get("study")
     where = f"study {study}, " if study else ""
     about = (
         f"{content.get('title', '')}: tuned with prefcal {versions()['prefcal']}, {where}"
-        f"experiment {content.get('experiment', '?')}. SHA-256 of best.json: {digest[:16]}..."
+        f"experiment {content.get('experiment', '?')}. SHA-256 of best.json: {digest[:16]}...\n"
+        f"{held}"
     )
     said = " ".join(f"{c.name} {c.unit}" for c in (*channels.x, *channels.u, *channels.y))
     # Of a step test, for example: its limits are no readings then, and a valve must not get them.

@@ -54,7 +54,16 @@ from prefcal_scenarios.wording import (
     with_unit,
 )
 
-from .export import REBUILD, BestTuning, best_as_json, model, tuning_of, versions
+from .export import (
+    NOT_VERIFIED,
+    REBUILD,
+    BestTuning,
+    best_as_json,
+    model,
+    tuning_of,
+    verified_beside,
+    versions,
+)
 from .pictures import PICTURES, Drawn, best_against, draw, figure, open_loop
 from .record import (
     StudyRecord,
@@ -99,7 +108,7 @@ REPORT = "report.html"
 
 
 def page(
-    record: StudyRecord, drawn: Sequence[Drawn], verified: Verified | str | None = None, loop: bytes = b""
+    record: StudyRecord, drawn: Sequence[Drawn], verified: Verified | str = "", loop: bytes = b""
 ) -> str:
     """Return the text of report.html, with what was verified and the open loop as for `sheet`."""
     view: dict[str, Any] = {"lead": lead(record), "rebuild": REBUILD, "origin": record.origin}
@@ -153,6 +162,8 @@ LOOP = "open_loop.png"
 """Name of the picture from which margins are read."""
 _LOOP_ALT = "Nyquist diagram of the open loop, before and after, with the margins that it shows"
 
+Required = Sequence[tuple[str, str, bool | None]]
+"""Title, limits and whether they are kept, of KPIs that only a verification limits, see `Verified`."""
 Answers = list[tuple[str, str | tuple[str, ...] | dict[str, str]]]
 """Questions, in a few words, each with its answer: a text, a list, which is set small, or lines to copy."""
 
@@ -235,7 +246,7 @@ def verified_answers(verified: Verified) -> Answers:
     return [*found, ("Not varied", f"{left_out}. Why: report.html.")]
 
 
-def verdict_of(record: StudyRecord, verified: Verified | str | None = None) -> str:
+def verdict_of(record: StudyRecord, verified: Verified | str = "") -> str:
     """Return the verdict above the tables of the sheet, of a study and what was verified of it."""
     if isinstance(verified, Verified):
         return verified.verdict
@@ -247,7 +258,7 @@ def verdict_of(record: StudyRecord, verified: Verified | str | None = None) -> s
         lost = f"Does not hold: the experiment itself ended early: {own.end.value}. "
     lost += "The loop is not stable. " if any(kpi.unstable(own) for kpi in record.kpis) else ""
     lost += f"Margins not kept: {margins}. " if margins else ""
-    return f"{lost}Not verified on other plants than the modeled one: run prefcal verify best.json."
+    return f"{lost}{NOT_VERIFIED} {verified}.".removesuffix(" .")
 
 
 def top(verdict: str, advice: Sequence[str] = ()) -> str:
@@ -259,7 +270,7 @@ def top(verdict: str, advice: Sequence[str] = ()) -> str:
     return f"<!-- verdict -->{made}<!-- end -->"
 
 
-def _top_of(record: StudyRecord, verified: Verified | str | None) -> Markup:
+def _top_of(record: StudyRecord, verified: Verified | str) -> Markup:
     advice = verified.advice if isinstance(verified, Verified) else ()
     return Markup(top(verdict_of(record, verified), advice))
 
@@ -282,7 +293,7 @@ def verified_tables(verified: Verified) -> dict[str, list[dict[str, Any]]]:
     return {"varied": varied, "tables": found}
 
 
-def _in_report(verified: Verified | str | None, loop: bytes) -> str:
+def _in_report(verified: Verified | str, loop: bytes) -> str:
     """Return the part of the report that a verification changes, as HTML."""
     parts: Any
     tables: Any
@@ -325,7 +336,7 @@ def refresh(folder: Path) -> None:
         return
     loop = _drawn_in(folder)
     verdict = top(verified.verdict, verified.advice)
-    _renew(folder / FILE, section(verified_answers(verified), loop), verdict)
+    _renew(folder / FILE, section(verified_answers(verified), loop), verdict, verified.required)
     _renew(folder / REPORT, _in_report(verified, loop), verdict)
 
 
@@ -334,11 +345,11 @@ def _drawn_in(folder: Path) -> bytes:
     return (folder / LOOP).read_bytes() if (folder / LOOP).is_file() else b""
 
 
-def _renew(path: Path, made: str, verdict: str) -> None:
+def _renew(path: Path, made: str, verdict: str, required: Required = ()) -> None:
     """Write the parts of a file anew that a verification changes."""
     if path.is_file():
         text = _TOP.sub(lambda _: verdict, path.read_text(encoding="utf-8"), count=1)
-        put(path, _PART.sub(lambda _: made, text, count=1).encode())
+        put(path, _require(_PART.sub(lambda _: made, text, count=1), required).encode())
 
 
 # --- Verify the tuning of a best.json; what came of it stays beside it, and on the acceptance sheet.
@@ -348,25 +359,25 @@ _VERDICTS = {True: "acceptable", False: REFUSED}
 
 def verify_best(
     best: Path,
-    runs: int = RUNS,
+    runs: int | None = None,
     *,
     limits: Sequence[str] | None = None,
     ranges: Ranges | None = None,
     jobs: int | None = None,
     timeout: float | None = None,
-    seed: int = 0,
+    seed: int | None = None,
     progress: Progress | bool = False,
     clock: Callable[[tzinfo], datetime] = datetime.now,
 ) -> Verified:
     """Return what came of varying the plant of a best.json, written durably beside it.
 
-    One of fewer runs than the one that is there does not replace it: see `written_beside`.
+    One of fewer runs than the one that is there does not replace it: see `written_beside`. Where `runs`,
+    `limits`, `ranges` or `seed` is None, it is that of the one that is there.
 
     Args:
         best: The file.
         runs: Number of random runs.
-        limits: Limits of KPIs or margins beside those of the study, each a text such as "overshoot <= 10 %";
-            None for those of the verification that is there.
+        limits: Limits of KPIs or margins beside those of the study, each a text such as "overshoot <= 10 %".
         ranges: Relative changes, as for `verify`.
         jobs: Number of processes, as for `verify`.
         timeout: Time limit of each run in seconds; None for that of a study, an hour.
@@ -381,7 +392,7 @@ def verify_best(
     tuning = _verifiable(best)
     if tuning.own and timeout is None:
         timeout = DEFAULT_LIMIT
-    limits = _kept_limits(best.parent) if limits is None else tuple(limits)
+    runs, limits, ranges, seed = _asked(best.parent, runs, limits, ranges, seed)
     tuning, own = _limited(tuning, limits, timeout), tuning.scenario.kpis
     if tuning.scenario.source.asks:
         found = unvaried(tuning.scenario, tuning.theta, tuning)
@@ -398,12 +409,29 @@ def verify_best(
             timeout=timeout,
             progress=progress,
         )
-    said = replace(_said(found, tuning, best, f"{clock(UTC):%Y-%m-%d %H:%M} UTC"), limits=limits)
-    said = _offering(said, found, own, _command(best, runs, seed, limits, ranges or {}))
+    said = _said(found, tuning, best, f"{clock(UTC):%Y-%m-%d %H:%M} UTC")
+    said = replace(said, limits=limits, ranges=ranges)
+    said = _offering(said, found, own, _command(best, runs, seed, limits, ranges))
     if limits:
         said = replace(said, advice=tuple(_with_limits(said.advice, limits, tuning.source)))
     _keep(said, found, tuning, best, timeout)
     return said
+
+
+def _asked(
+    folder: Path, runs: int | None, limits: Sequence[str] | None, ranges: Ranges | None, seed: int | None
+) -> tuple[int, tuple[str, ...], Ranges, int]:
+    """Return what is asked of a verification: what is None as in the one in a folder, else as usual."""
+    there = _there(folder)
+    known: tuple[int, tuple[str, ...], Ranges, int] = (RUNS, (), {}, 0)
+    if there is not None:
+        known = there.planned or RUNS, there.limits, there.ranges, there.seed
+    return (
+        known[0] if runs is None else runs,
+        known[1] if limits is None else tuple(limits),
+        known[2] if ranges is None else ranges,
+        known[3] if seed is None else seed,
+    )
 
 
 def _verifiable(best: Path) -> BestTuning:
@@ -465,7 +493,10 @@ def _offering(said: Verified, found: Verification, own: Sequence[KPI], command: 
     if said.limits:
         looser = "; ".join(_list_looser(own, found.kpis))
         first = f"By looser limits than the study's ({looser}): " if looser else ""
-        said = replace(said, limits_kept=told, headline=f"{first}{said.headline}")
+        nominal, stated = found.tuning.nominal.kpis, {kpi.name for kpi in own if limits_text(kpi)}
+        new = [k for k in found.kpis if limits_text(k) and k.name in nominal.keys() - stated]
+        required = tuple((k.title, limits_text(k), k.met(nominal[k.name])) for k in new)
+        said = replace(said, limits_kept=told, headline=f"{first}{said.headline}", required=required)
     usual = [f"{k.name} <= {float(f'{limit:.4g}'):g} {k.unit}".strip() for k, limit, _ in found.usual]
     if not usual:
         return said
@@ -506,11 +537,6 @@ def _there(folder: Path) -> Verified | None:
     with suppress(ScenarioError):
         return Verified.read(folder)
     return None
-
-
-def _kept_limits(folder: Path) -> tuple[str, ...]:
-    """Return the limits that were stated for the verification in a folder, as typed."""
-    return () if (there := _there(folder)) is None else there.limits
 
 
 def _keep(said: Verified, found: Verification, tuning: BestTuning, best: Path, timeout: float | None) -> None:
@@ -583,33 +609,54 @@ _KPI = ("title", "objective", "before", "after", "unit", "met")  # what the shee
 _NEAR = 1e-6  # share of its size by which a value may miss a limit and still count as being at it
 
 
-def sheet(record: StudyRecord, verified: Verified | str | None = None, loop: bytes = b"") -> str:
+def sheet(record: StudyRecord, verified: Verified | str = "", loop: bytes = b"") -> str:
     """Return the text of the sheet, which prints on one or two A4 or Letter pages.
 
     Args:
         record: Record of the study.
-        verified: What was verified of the result, or why that is not known; None if nothing was.
+        verified: What was verified of the result, or why that is not known; empty if nothing was.
         loop: Picture of the open loop; empty if there is none.
 
     Raises:
         ScenarioError: If a panel of the scenario does not exist in an experiment.
     """
     if isinstance(verified, Verified):
-        holds = verified_answers(verified)
+        holds, required = verified_answers(verified), verified.required
     else:
-        holds = unverified(record, verified or "")
+        holds, required = unverified(record, verified), ()
     # What is not verified yet will add the open loop beside the curves.
     narrow = loop or plant_of(record.scenario.source) is not None
     size = (_HIGH[0], _BESIDE) if narrow else (_HIGH[1], WIDTH * _INCH)
     picture = _curves(record, *size)
     template = environment().get_template("report/acceptance.html.j2")
-    return template.render(
+    made = template.render(
         record=record,
         sheet=sheet_of(record),
         verdict=_top_of(record, verified),
         holds=Markup(section(holds, loop)),
         curves=picture and data_uri(picture),
     )
+    return _require(made, required)
+
+
+_NOT_REQUIRED = re.compile(
+    r'<th scope="row">(.*?)</th><td>(?:–|[^<]* \(verify\))</td>'
+    r'(<td>.*?</td><td class="best">.*)<td[^>]*>.*</td></tr>'
+)
+"""Row of the sheet's table of a KPI that the study does not limit: its title, and the cells of values."""
+
+
+def _require(text: str, required: Required) -> str:
+    """Return a sheet whose table of KPIs has the limits that only its verification has, see `Verified`."""
+    stated = {str(with_subscripts(title)): (f"{limits} (verify)", met) for title, limits, met in required}
+
+    def renew(row: re.Match[str]) -> str:
+        limits, met = stated.get(row[1], ("–", None))
+        words, kind = _MET[met]
+        last = f'<td class="{kind}">{words}' if kind else f"<td>{words}"
+        return f'<th scope="row">{row[1]}</th><td>{limits}</td>{row[2]}{last}</td></tr>'
+
+    return _NOT_REQUIRED.sub(renew, text)
 
 
 def sheet_of(record: StudyRecord) -> dict[str, Any]:
@@ -648,11 +695,15 @@ def sheet_of(record: StudyRecord) -> dict[str, Any]:
     }
 
 
+_MET = {True: ("yes", "yes"), False: ("NO", "no"), None: ("–", "")}
+"""Word and kind of the last cell in the table of KPIs."""
+
+
 def _row(
     name: str, limits: str, before: str, after: str, unit: str = "", met: bool | None = None
 ) -> dict[str, Any]:
     """Return a line of the table of KPIs."""
-    verdict, kind = {True: ("yes", "yes"), False: ("NO", "no"), None: ("–", "")}[met]
+    verdict, kind = _MET[met]
     new = cell(after, kind="best")
     return row(name, [cell(limits or "–"), cell(before), new, cell(unit), cell(verdict, kind=kind)])
 
@@ -787,9 +838,9 @@ def write_report(record: StudyRecord, folder: Path, extra: Sequence[Picture] = (
         (folder / stale).unlink(missing_ok=True)
     for d in drawn:
         put(folder / d.picture.file, d.content)
-    verified = None
+    verified: Verified | str = ""
     if record.best is not None:
-        verified = _verified(folder)
+        verified = verified_beside(folder / BEST)
         if not (isinstance(verified, Verified) and _drawn_in(folder)):
             _keep_loop(folder, record.scenario, record.margins)
         put(folder / FILE, sheet(record, verified, _drawn_in(folder)).encode())
@@ -804,11 +855,3 @@ def _keep_loop(folder: Path, scenario: Scenario, found: Sequence[Margins | str])
         put(folder / LOOP, drawn)
     else:
         (folder / LOOP).unlink(missing_ok=True)
-
-
-def _verified(folder: Path) -> Verified | str | None:
-    """Return what was verified of the best.json in a folder; of a damaged file, that it is."""
-    try:
-        return Verified.read(folder)
-    except ScenarioError:
-        return f"{VERIFICATION} is damaged, or of another version of prefcal"

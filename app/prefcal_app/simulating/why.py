@@ -210,6 +210,10 @@ def kept(smaller: SmallerChange | None, scenario: Scenario) -> str:
     )
 
 
+_VARIED = "with varied plants (not sensors, actuators or task)"
+"""What varies, beside each count of runs: `prefcal verify` varies more, and may count fewer that hold."""
+
+
 def _held(
     kept: int, which: str, scenario: Scenario, nominal: Experiment | None, *, outdone: bool = False
 ) -> str:
@@ -228,24 +232,29 @@ def _held(
         stated = [k for k in scenario.kpis if k.met(0.0) is not None]
         failed = [k.title for k in stated if nominal is not None and k.met_by(nominal) is False]
         lost = join_words(failed or ["a stated limit"])
-        keeps = f" It keeps {join_words(met)} in all {ENOUGH} perturbed runs." if met else ""
+        keeps = f" It keeps {join_words(met)} in all {ENOUGH} runs {_VARIED}." if met else ""
         return (
             f"{which} does not hold: it misses {lost} nominally, and a simulated θ keeps all limits.{keeps}"
         )
     if limited and (met or nominal is None):
-        those = f"those that it meets nominally{f' ({join_words(met)})' if met else ''}"
+        those = (
+            f"the limit{'s' * (len(met) > 1)} on {join_words(met)}"
+            if met
+            else "all limits that it meets nominally"
+        )
         if kept >= ENOUGH:
-            return f"{which} keeps, of the stated limits, {those} in all {ENOUGH} perturbed runs.{left}"
-        lost = f"keep, of the stated limits, {those}"
+            first = f"does not hold: it misses {join_words(missed)} already nominally. It " if missed else ""
+            return f"{which} {first}keeps {those} in all {ENOUGH} runs {_VARIED}."
+        lost = f"keep {those}"
     else:
         none = "it meets no stated limit nominally" if limited else "no limit is stated"
         reach = "safely and reach what the nominal run reaches"
         if kept >= ENOUGH and limited:
-            return f"{which} meets no stated limit: all {ENOUGH} perturbed runs end {reach}, no more.{left}"
+            return f"{which} meets no stated limit: all {ENOUGH} runs {_VARIED} end {reach}, no more.{left}"
         if kept >= ENOUGH:
-            return f"{which} holds: all {ENOUGH} perturbed runs end {reach} ({none})."
+            return f"{which} holds: all {ENOUGH} runs {_VARIED} end {reach} ({none})."
         lost = f"end safely, or does not reach what the nominal run reaches ({none})"
-    return f"{which} does not hold: perturbed run {kept + 1} of {ENOUGH} does not {lost}.{left}"
+    return f"{which} does not hold: run {kept + 1} of {ENOUGH} {_VARIED} does not {lost}.{left}"
 
 
 def _perturbed(scenario: Scenario) -> str:
@@ -354,7 +363,7 @@ def robust_study(
     if found is not None and found.over and found.robustness is not None:
         return tuple(robust(found.robustness, scenario, nominal))
     if found is None or found.kept is None:
-        return (f"How many of {ENOUGH} perturbed runs the result keeps was not worked out.",)
+        return (f"Whether the result holds in {ENOUGH} runs {_VARIED} was not worked out.",)
     return _held(found.kept, "The result", scenario, nominal), _perturbed(scenario)
 
 

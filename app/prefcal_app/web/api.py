@@ -311,28 +311,26 @@ class Verifying:
             StaleError: If another tuning was verified, or the same one again.
         """
         with self._lock:
-            folder, said = self._reports.folder, self._said()
+            folder = self._reports.folder
+            said = None if folder is None else verification.said.Verified.read(folder)
             known = [] if said is None else [(each.seed, said.best) for each in said.worst]
             if folder is None or known[run : run + 1] != [(seed, best)]:
                 raise StaleError("the result was verified again since you looked")
             report.write.judge(folder, run, acceptable=acceptable)
 
     def view(self) -> dict[str, Any]:
-        """Return how far it is, and what came of it. Raises ScenarioError if that is damaged."""
+        """Return how far it is, and what came of it, or why that is not known."""
         folder = self._reports.folder
-        said = None if self.running else self._said()
+        best = None if folder is None or self.running else folder / verification.said.BEST
+        found = "" if best is None else report.export.verified_beside(best)
         return {
             "running": self.running,
             "runs": verification.varied_runs.RUNS,
             "done": self._done,
             "planned": self._planned,
-            "problem": self._problem,
-            "said": None if folder is None or said is None else _view(said, folder),
+            "problem": self._problem or (found if isinstance(found, str) else ""),
+            "said": None if folder is None or isinstance(found, str) else _view(found, folder),
         }
-
-    def _said(self) -> "verification.said.Verified | None":
-        folder = self._reports.folder
-        return None if folder is None else verification.said.Verified.read(folder)
 
     def _verify(self, folder: Path) -> None:
         try:

@@ -78,7 +78,7 @@ def _wrong(name: str, text: str) -> str:
 
 
 _LIMIT = re.compile(
-    r"\s*(\S.*?)\s*(<=|>=|≤|≥)\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*(?:\[([^\]]*)\]|(.*))", re.DOTALL
+    r"\s*(\S.*?)\s*(<=|>=|≤|≥)\s*([-+]?[\d.,]+(?:[eE][-+]?\d+)?)\s*(?:\[([^\]]*)\]|(.*))", re.DOTALL
 )
 
 
@@ -96,7 +96,8 @@ def limit_of(text: str) -> tuple[str, dict[str, Any]]:
         value = float("nan")
     if not isfinite(value):
         raise ScenarioError(
-            f'a limit must be KPI <= NUMBER UNIT, or with >=, for example "overshoot <= 10 %", got {text!r}'
+            'a limit must be KPI <= NUMBER UNIT, or with >=, for example "overshoot <= 2.5 %" (with a '
+            f"decimal point), got {text!r}"
         )
     end, unit = "at_most" if sign in ("<=", "≤") else "at_least", next(filter(None, units), "").strip()
     return name, {end: value} | ({"unit": unit} if unit else {})

@@ -258,11 +258,12 @@ def limited(made: Scenario, limits: Sequence[str], where: str = "--limit") -> Sc
     channels, kpis, stated = made.source.channels, {kpi.name: kpi for kpi in made.kpis}, set[Any]()
     for text in limits:
         name, entry = limit_of(text)
+        known = kpis | {key: kpi for key, kpi in _margins(made).items() if key not in kpis}
+        name = next((key for key, kpi in known.items() if kpi.title == name), name)
         end = name, *(entry.keys() - {"unit"})
         if end in stated:
             raise ScenarioError(f"{where}: {name!r} is limited twice, the second time by {text!r}: leave one")
         stated.add(end)
-        known = kpis | {key: kpi for key, kpi in _margins(made).items() if key not in kpis}
         if name not in known:  # of others, no run has a value
             expected = f"{did_you_mean(name, known)} Expected one of {', '.join(known)}"
             raise ScenarioError(f"{where}: there is no KPI {name!r}.{expected}")

@@ -15,7 +15,7 @@ from prefcal_env.disk import digest_of, write_durably
 from prefcal_env.envs.varied_loop import DELAY, LAG, STEPPED
 from prefcal_env.errors import ScenarioError
 from prefcal_env.plain import from_plain, to_plain
-from prefcal_env.sources.varied import Factor, LeftOut
+from prefcal_env.sources.varied import Factor, LeftOut, Ranges
 from prefcal_scenarios.scenario import KPI, Scenario
 from prefcal_scenarios.wording import (
     comparable,
@@ -128,6 +128,9 @@ class Verified:
     misses: tuple[str, ...] = ()  # each limit that is missed, with the worst value and the number of runs
     breaking: tuple[str, ...] = ()  # names of the factors that lose a limit alone, as in `effects`
     seed: int = 0  # seed of the variations
+    ranges: Ranges = field(default_factory=dict)  # relative changes, as typed
+    # Title, limits and whether the nominal run keeps them, of each KPI that only `limits` limit
+    required: tuple[tuple[str, str, bool | None], ...] = ()
     apart: int = 0  # number of random runs that do not count, since no input can hold their plants
     holds: bool | None = None  # whether all keep the stated limits; None without limits or runs
     keeps_margins: bool | None = None  # whether the nominal loop keeps those on margins; None if unknown

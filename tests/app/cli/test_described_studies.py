@@ -44,6 +44,26 @@ def test_a_study_by_options_alone_is_reported_by_naming_its_plant(prefcal, done,
     assert prefcal(*(word for word in trusted if word != "--scenario"), "--out", "more")[0] == 0
 
 
+def test_another_limit_than_the_studys_is_refused_with_the_two_ways_to_state_it(done, refused, plant):
+    words = ["calibrate", "pid", "--plant", "plant.py:plant", "--stop-time", "60", *SCORED]
+    study = ["--study", "a.prefcal"]
+    done(
+        *words, "--n-max", "2", *study, "--out", "out", "--limit", "overshoot <= 10 %", "--limit", "M_s <= 2"
+    )
+    said = refused(*words, *study, "--limit", "overshoot <= 5 %")
+    assert (
+        "keeps the limits with which it was started (overshoot <= 10 %; M_s <= 2), got overshoot <= 5 %"
+        in said
+    )
+    assert "prefcal verify BEST.json --limit 'overshoot <= 5 %'." in said
+    assert said.endswith("--taste a.prefcal --limit 'M_s <= 2' --limit 'overshoot <= 5 %'")
+    done(
+        *words, "--n-max", "3", *study, "--out", "out", "--limit", "overshoot <= 10 %", "--limit", "M_s <= 2"
+    )
+    own = refused("calibrate", "servo", "--limit", "overshoot <= 5 %")
+    assert own.endswith("leave it out; prefcal verify takes it for any result")
+
+
 def test_a_plant_is_refused_where_there_is_none(prefcal, done, refused):
     words = ["calibrate", "servo", "--calibrator", "synthetic", "--cost", "error"]
     words += ["--agent", "random", "--n-max", "2"]

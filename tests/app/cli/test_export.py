@@ -4,6 +4,7 @@ import ctypes
 import json
 import shutil
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ import pytest
 from prefcal_app import load_controller
 from prefcal_env import PID, Measurement
 from prefcal_env.controllers import as_data
+from prefcal_env.disk import digest_of
+from support.verified import FOUND
 
 
 @pytest.fixture
@@ -33,9 +36,39 @@ def test_structured_text_goes_to_a_file_or_is_printed(prefcal, best, tmp_path):
     code, out, err = prefcal("export", best, "--to", "st", "--name", "Heater")
     assert (code, err) == (0, "")
     assert "FUNCTION_BLOCK Heater\n" in out
+    assert prefcal("export", ".", "--to", "st", "--name", "Heater")[1] == out  # the folder names it, too
     code, told, _ = prefcal("export", best, "--to", "st", "--name", "Heater", "--out", "heater.st")
-    assert (code, told.strip()) == (0, "Written: heater.st")
+    held = "Not verified on other plants than the modeled one: run prefcal verify best.json."
+    assert (code, told.strip()) == (0, f"Written: heater.st. {held}")
     assert (tmp_path / "heater.st").read_text() == out
+    assert f"...\n   {held}\n   PID, to be called" in out  # a line of the first comment
+    assert prefcal("export", best, "--to", "forms")[1].startswith(f"{held}\n")
+
+
+@pytest.mark.parametrize(
+    ("headline", "said"),
+    [
+        (
+            "Does not hold: 3 of 9 runs keep the stated limits. M_s 1.7, required ≤ 2: kept.",
+            "Does not hold: 3 of 9 runs keep the stated limits. Verified today.",
+        ),
+        (
+            "Of the plant as its files are now, not as in the study. Holds: 9 of 9 runs keep M ≤ 2. More: 2.",
+            "Of the plant as its files are now, not as in the study. Holds: 9 of 9 runs keep M <= 2. "
+            "Verified today.",
+        ),
+        ("Nothing can be varied", "Nothing can be varied. Verified today."),
+    ],
+)
+def test_code_says_in_a_line_what_was_verified_of_it(prefcal, best, tmp_path, headline, said):
+    found = replace(FOUND, best=digest_of(tmp_path / best), headline=headline, at="today")
+    found.write(tmp_path)
+    assert f"\n   {said}\n" in prefcal("export", best, "--to", "c")[1]
+    judged = replace(found, worst=(replace(FOUND.worst[0], verdict="not acceptable"),))
+    judged.write(tmp_path)
+    assert "A person found 1 of the 1 worst runs not acceptable." in prefcal("export", best, "--to", "c")[1]
+    (tmp_path / best).write_text((tmp_path / best).read_text() + "\n")
+    assert "verification.json is of another best.json" in prefcal("export", best, "--to", "c")[1]
 
 
 def test_forms_are_in_the_units_and_ranges_of_the_control_system(prefcal, best):

@@ -38,6 +38,7 @@ def explained(monkeypatch):
 def test_a_report_that_is_written_again_says_what_was_said_at_the_end(prefcal, tmp_path):
     code, out, err = prefcal(*STUDY, "--calibrator", "synthetic")
     assert code == 0, err
+    assert "Not verified on other plants than the modeled one: run prefcal verify out/best.json." in out
     enough, why = answers()
     assert enough.split(" A weighted sum")[0] in out  # the sheet says how sure that is, too
     assert "simulated is better than the best so far" in enough

@@ -115,7 +115,8 @@ def test_fewer_runs_than_before_are_shown_and_kept_beside(prefcal, best, tmp_pat
 
 def test_each_bar_says_what_it_runs(prefcal, best):
     theta = {**LAG, "K": 7.0, "T_i": 8.0}
-    given = "verify", best(theta=theta), "--runs", "10", "--jobs", "1", "--limit", "overshoot <= 1 %"
+    best(theta=theta)
+    given = "verify", ".", "--runs", "10", "--jobs", "1", "--limit", "overshoot <= 1 %"
     code, _, err = prefcal(*given, "--range", "dead time=0.5:0.8")
     assert code == 0, err
     assert "varied runs" in err

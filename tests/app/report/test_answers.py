@@ -49,7 +49,10 @@ def test_who_answered_what_and_why_the_result_is_the_result():
     found = dict(answers(replace(record, outlook=told)))
     assert found["Enough answers?"] == "Fewer than 4 % are better."
     assert found["Why this one"] == "The answers fit these wishes: calmness."
-    holds = ("The result keeps the limits in all 300 perturbed runs.", "They vary the gain.")
+    holds = (
+        "The result keeps the limits in all 300 runs with varied plants (not sensors, actuators or task).",
+        "They vary the gain.",
+    )
     told = replace(told, result=(*holds, *told.result))
     robust = replace(record, outlook=told, trust="A sum predicted 4 of 6 answers.", robust=holds)
     found = dict(answers(robust))
@@ -121,7 +124,41 @@ def test_margins_stand_beside_those_before_and_an_error_of_own_code_is_said(monk
 def test_a_damaged_verification_is_none_and_the_sheet_says_so(tmp_path, content):
     (tmp_path / "verification.json").write_text(content)
     write_report(toy_record(), tmp_path)
-    assert "verification.json is damaged, or of another version" in (tmp_path / FILE).read_text()
+    assert (tmp_path / FILE).read_text().count("verification.json is damaged, or of another version") == 2
+
+
+def test_a_verification_of_another_file_is_said_not_to_count(tmp_path, monkeypatch):
+    write_report(toy_record(), tmp_path)
+    assert "verification.json" not in (tmp_path / FILE).read_text()
+    replace(FOUND, best=digest_of(tmp_path / BEST)).write(tmp_path)
+    write_report(toy_record(), tmp_path)
+    assert "298 of 299" in (tmp_path / FILE).read_text()
+    monkeypatch.setattr("prefcal_app.report.export.versions", lambda: {"prefcal": "0.1.0", "numpy": "9.0"})
+    write_report(toy_record(), tmp_path)
+    text = (tmp_path / FILE).read_text()
+    why = (
+        "verification.json is of another best.json: of another tuning, or of other versions of the libraries."
+    )
+    assert f"run prefcal verify best.json. {why}" in text
+    assert "298 of 299" not in text
+
+
+def test_a_limit_that_only_the_verification_has_stands_in_the_table_of_kpis(folder):
+    def row():
+        return next(line for line in (folder / FILE).read_text().splitlines() if ">largest move<" in line)
+
+    free = '<tr><th scope="row">largest move</th><td>–</td><td>1</td><td class="best">1</td><td>%</td>'
+    assert row() == f"{free}<td>–</td></tr>"
+    for required, limits, met in (
+        ((("largest move", "≤ 2 %", True),), "≤ 2 % (verify)", '<td class="yes">yes</td>'),
+        ((("largest move", "≤ 0.5 %", False),), "≤ 0.5 % (verify)", '<td class="no">NO</td>'),
+        ((), "–", "<td>–</td>"),
+    ):
+        found = replace(FOUND, best=digest_of(folder / BEST), required=required)
+        found.write(folder)
+        refresh(folder)
+        assert row() == f"{free.replace('<td>–', f'<td>{limits}')}{met}</tr>"
+        assert sheet(toy_record(), found) == (folder / FILE).read_text()
 
 
 def test_what_was_verified_is_said_with_what_was_not():

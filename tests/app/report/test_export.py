@@ -282,8 +282,9 @@ def test_code_is_that_of_the_controller_and_says_where_it_is_from(heater, to):
     text = export_controller(heater, to, name="heater")
     named = Channels((), (Channel("valve", "%"),), (Channel("T", "°C"),), "s")
     expected = as_code(HEATER, to, named, name="heater")
-    first, rest = text.split("\n", 1)
-    assert rest == "   " + expected[len("/* ") :]  # one line more in the first comment
+    first, held, rest = text.split("\n", 2)
+    assert held.startswith("   Not verified on other plants than the modeled one")
+    assert rest == "   " + expected[len("/* ") :]  # two lines more in the first comment
     assert json.loads(heater.read_text("utf-8"))["title"] in first
     assert "SHA-256 of best.json: " in first
 
@@ -293,7 +294,7 @@ def test_the_forms_have_equations_numbers_and_units(heater):
     assert "parallel: K_p e + K_i ∫e dt + K_d de/dt" in lines
     assert "T_i 2 min" in lines
     assert "1/T_i (repeats per minute) 0.5 1/min" in lines
-    assert "K_i 1 %/°C/min" in lines
+    assert "K_i 1 %/(°C min)" in lines
     in_percent = export_controller(heater, "forms", spans=(50.0, 100.0))
     lines = [" ".join(line.split()) for line in in_percent.splitlines()]
     assert "PB (proportional band) 100 %" in lines  # 2 %/°C over 50 °C: 1 % a %

@@ -165,8 +165,15 @@ def test_limits_judge_a_verification_and_count_when_it_is_repeated(best):
     )
     assert [row[1] for row in said.kpis if row[1]] == ["≤ 0.1 %", "≤ 1000000 %"]
     assert said.lines == ()
-    assert verify_best(best, 4, jobs=1) == said  # as the page repeats it
+    assert [row[1:] for row in said.required] == [("≤ 0.1 %", False), ("≤ 1000000 %", True)]
+    assert verify_best(best, 4, jobs=1) == said
     assert "end safely and settle" in verify_best(best, 4, jobs=1, limits=()).headline
+
+
+def test_what_is_verified_again_by_the_page_is_asked_as_before(best):
+    said = verify_best(best, 5, jobs=1, limits=["overshoot <= 5 %"], ranges={"dead time": [0, 0.5]}, seed=3)
+    assert (said.planned, said.seed, said.ranges) == (5, 3, {"dead time": [0, 0.5]})
+    assert verify_best(best, jobs=1) == said == Verified.read(best.parent)
 
 
 def test_a_limit_looser_than_that_of_the_study_is_the_first_thing_said(tmp_path):

@@ -231,6 +231,9 @@ def test_it_says_how_many_random_experiments_the_result_is_equal_to(experiments,
     assert "random experiments" not in better_is_known
 
 
+VARIED = "with varied plants (not sensors, actuators or task)"
+
+
 @pytest.mark.parametrize(
     ("kept", "costs", "words"),
     [
@@ -262,15 +265,13 @@ def test_what_robustness_costs_is_said_of_a_result_that_holds(kept, costs, words
     limited = replace(scenario, kpis=(replace(kpi, at_most=5.0),))
     with_limits = next(robust(RobustResult(kept, costs), limited))
     if kept == 300:
-        assert said[0].startswith("The result holds: all 300 perturbed runs end safely and reach what")
+        assert said[0].startswith(f"The result holds: all 300 runs {VARIED} end safely and reach what")
         assert with_limits == (
-            "The result keeps, of the stated limits, those that it meets nominally in all 300 perturbed runs."
+            f"The result keeps all limits that it meets nominally in all 300 runs {VARIED}."
         )
     else:
-        assert said[0].startswith("The result does not hold: perturbed run 13 of 300 does not end safely")
-        assert with_limits.endswith(
-            "13 of 300 does not keep, of the stated limits, those that it meets nominally."
-        )
+        assert said[0].startswith(f"The result does not hold: run 13 of 300 {VARIED} does not end safely")
+        assert with_limits.endswith(f"13 of 300 {VARIED} does not keep all limits that it meets nominally.")
     assert len(said) == (3 if words else 1)
     assert not words or "verify (V) varies sensors, actuators and task, too" in said[1]
     assert said[-1].startswith(words)
@@ -280,10 +281,10 @@ def test_a_robust_study_that_was_left_says_how_its_best_so_far_holds():
     kpi = KPI("t_f", "time to steady state t_f", "h", at_most=5.0)
     scenario = Scenario("s", "S", KnobSpace([Knob("K", 0, 1)]), lambda theta, seed=0: None, kpis=(kpi,))
     left = certified(CERTIFIED)
-    unknown = ("How many of 300 perturbed runs the result keeps was not worked out.",)
+    unknown = (f"Whether the result holds in 300 runs {VARIED} was not worked out.",)
     assert robust_study(None, scenario) == robust_study(left, scenario) == unknown
     said = robust_study(replace(left, kept=300), scenario)
-    assert said[0].startswith("The result keeps, of the stated limits, those that it meets nominally in all")
+    assert said[0].startswith("The result keeps all limits that it meets nominally in all")
     assert len(said) == 2  # and what they vary
     over = replace(left, over=True, robustness=RobustResult(300))
     assert robust_study(over, scenario) == tuple(robust(RobustResult(300), scenario))
@@ -301,19 +302,15 @@ def test_which_limits_a_robust_result_meets_nominally_is_said_by_name():
     def said(kept, **values):
         return next(robust(RobustResult(kept), scenario, ran.with_kpis(values)))
 
-    keeps = "The result keeps, of the stated limits, those that it meets nominally"
-    fails = (
-        "The result does not hold: perturbed run 13 of 300 does not keep, of the stated limits, those that it"
-    )
-    assert said(300, t_f=4.0, peak=0.5) == f"{keeps} (time t_f and peak) in all 300 perturbed runs."
+    keeps = "The result keeps the limit"
+    fails = f"The result does not hold: run 13 of 300 {VARIED} does not keep the limit"
+    assert said(300, t_f=4.0, peak=0.5) == f"{keeps}s on time t_f and peak in all 300 runs {VARIED}."
     assert said(300, t_f=4.0, peak=2.0) == (
-        f"{keeps} (time t_f) in all 300 perturbed runs. It misses peak even nominally."
+        f"{keeps} on time t_f in all 300 runs {VARIED}. It misses peak even nominally."
     )
-    assert said(12, t_f=6.0, peak=0.5) == (
-        f"{fails} meets nominally (peak). It misses time t_f even nominally."
-    )
+    assert said(12, t_f=6.0, peak=0.5) == (f"{fails} on peak. It misses time t_f even nominally.")
     assert said(300, t_f=6.0, peak=2.0) == (
-        "The result meets no stated limit: all 300 perturbed runs end safely and reach what the nominal run "
+        f"The result meets no stated limit: all 300 runs {VARIED} end safely and reach what the nominal run "
         "reaches, no more. It misses time t_f and peak even nominally."
     )
 
@@ -326,7 +323,7 @@ def test_a_robust_result_that_misses_what_another_keeps_is_not_said_to_hold():
     kept, _ = robust(found, scenario, nominal)  # then what varies, and no price
     lost = "nominally, and a simulated θ keeps all limits."
     assert kept == (
-        f"The result does not hold: it misses time t_f {lost} It keeps peak in all 300 perturbed runs."
+        f"The result does not hold: it misses time t_f {lost} It keeps peak in all 300 runs {VARIED}."
     )
     margin = replace(scenario, kpis=(KPI("M_s", "M_s", better="lower", at_most=2.0, margin=True),))
     assert next(robust(found, margin, nominal.with_kpis({"M_s": 3.0}))) == (

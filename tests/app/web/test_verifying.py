@@ -117,6 +117,14 @@ def test_a_stop_ends_the_runs_early(page, folder, monkeypatch):
     assert not until(page.page(), lambda told: not told["running"])["problem"]
 
 
+def test_a_verification_of_another_file_is_said_not_to_count(page, folder):
+    page.reports.folder = folder
+    assert page.page().get("/api/verification").json()["problem"] == ""
+    (folder / "verification.json").write_text("{")
+    said = page.page().get("/api/verification").json()["problem"]
+    assert said == "verification.json is damaged, or of another version of prefcal"
+
+
 def test_what_went_wrong_is_said_and_it_can_start_again(page, folder, monkeypatch):
     def refuse(best, *, progress):
         raise ScenarioError("give it parameters as arguments")

@@ -55,8 +55,8 @@ def test_the_parallel_form_follows_from_the_isa_form() -> None:
         "T_i": (8.0, "s", ISA),
         "T_d": (3.0, "s", ISA),
     }
-    assert (found["K_i"].value, found["K_i"].unit) == (0.25, "%/°C/s")  # 2/8
-    assert (found["K_d"].value, found["K_d"].unit) == (6.0, "%/°C s")  # 2 * 3
+    assert (found["K_i"].value, found["K_i"].unit) == (0.25, "%/(°C s)")  # 2/8
+    assert (found["K_d"].value, found["K_d"].unit) == (6.0, "% s/°C")  # 2 * 3
     assert found["K_d"].form == PARALLEL
     T_f = found["T_f (filter of the derivative)"]
     assert (T_f.value, T_f.form) == (pytest.approx(0.3), ALL)  # 3/10
@@ -94,13 +94,15 @@ def test_the_anti_windup_has_the_tracking_time_of_the_pid_that_runs(
 def test_a_gain_without_a_unit_has_parameters_per_time() -> None:
     found = forms(GIVEN, {})
     assert (found["K_i"].unit, found["K_d"].unit) == ("1/s", "s")
+    flow = forms(GIVEN, {"K_p": "m3/h/K"})
+    assert (flow["K_i"].unit, flow["K_d"].unit) == ("m3/h/K/s", "(m3/h/K) s")
 
 
 def test_times_may_be_shown_in_minutes() -> None:
     found = forms(GIVEN | {"T_i": 120.0}, shown="min")
     # 120 s are 2 min: half a repeat per minute, and a gain of 2 %/°C in 2 min.
     assert (found["T_i"].value, found["T_i"].unit) == (2.0, "min")
-    assert (found["K_i"].value, found["K_i"].unit) == (1.0, "%/°C/min")
+    assert (found["K_i"].value, found["K_i"].unit) == (1.0, "%/(°C min)")
     for time, T_i in (("s", 120.0), ("min", 2.0), ("h", 1 / 30)):
         repeats = forms(GIVEN | {"T_i": T_i}, time=time)["1/T_i (repeats per minute)"]
         assert (repeats.value, repeats.unit) == (pytest.approx(0.5), "1/min")

@@ -46,10 +46,11 @@ def test_a_limit_is_read_as_an_entry_of_a_file(text, name, entry):
 
 
 @pytest.mark.parametrize(
-    "text", ["overshoot", "overshoot <= much", "<= 10", "overshoot = 10", "x <= nan", "x <= 1.2.3"]
+    "text",
+    ["overshoot", "overshoot <= much", "<= 10", "overshoot = 10", "x <= nan", "x <= 1.2.3", "x <= 2,5 %"],
 )
 def test_what_is_no_limit_is_refused_with_what_one_is(text):
-    with pytest.raises(ScenarioError, match=f'for example "overshoot <= 10 %", got {text!r}'):
+    with pytest.raises(ScenarioError, match=f"decimal point\\), got {text!r}"):
         limit_of(text)
 
 
@@ -64,6 +65,15 @@ def test_limits_are_those_of_a_file_in_its_units_and_other_kpis_stay():
     assert known["settling_time"] == stated["settling_time"]
     assert (known["settling_time"].at_most, known["settling_time"].unit) == (120.0, "s")
     assert (known["overshoot"].at_least, known["overshoot"].at_most) == (1.0, stated["overshoot"].at_most)
+
+
+def test_a_limit_may_name_the_title_of_a_kpi_or_margin():
+    free = load(SOURCE.format("[]"))
+    titles = {kpi.name: kpi.title for kpi in free.kpis}
+    made = limited(free, [f"{titles['settling_time']} <= 2 min", "phase margin >= 45"])
+    known = {kpi.name: kpi for kpi in made.kpis}
+    assert titles["settling_time"] == "settling time of level (within ±5 %)"
+    assert (known["settling_time"].at_most, known["phase_margin"].at_least) == (120.0, 45.0)
 
 
 def test_a_limit_of_a_margin_lets_it_be_computed():

@@ -52,6 +52,7 @@ from prefcal_scenarios.catalog import load
 from prefcal_scenarios.described.description import (
     FLAGS,
     knob_of,
+    limit_of,
     listed,
     named_numbers,
     resumed_source,
@@ -324,9 +325,10 @@ def _with_words(source: str, words: Mapping[str, Any]) -> str:
         return joined_source(name, wanted) if wanted else name
     if words:
         files = [f"{world.called}, " for world in WORLDS if world.ending]
+        judged = "; prefcal verify takes it for any result" if "limits" in words else ""
         raise SettingsError(
             f"{FLAGS[next(iter(words))]} describes {''.join(files)}a TOML file or a standard controller "
-            f"({', '.join(CONTROLLERS)}), not {source!r}: leave it out"
+            f"({', '.join(CONTROLLERS)}), not {source!r}: leave it out{judged}"
         )
     return source
 
@@ -365,8 +367,24 @@ def _trusted(name: str, named: str, source: str | None) -> str:
             f"trust it, add {shlex.join(option)}"
         )
     if source is not None and is_described(source) and is_described(named):
+        _refuse_limits(name, *((split_source(each)[1] or {}).get("limits", []) for each in (named, source)))
         return resumed_source(named, source)
     return source or named
+
+
+def _refuse_limits(name: str, kept: list[str], wanted: list[str]) -> None:
+    """Raise a SettingsError if the wanted limits are not those of the study called `name`."""
+    if wanted in ([], kept):
+        return
+    limited = {limit_of(text)[0] for text in wanted}
+    both = [*(text for text in kept if limit_of(text)[0] not in limited), *wanted]
+    own, every = (shlex.join(w for text in texts for w in ("--limit", text)) for texts in (wanted, both))
+    raise SettingsError(
+        f"study {name!r} keeps the limits with which it was started ({'; '.join(kept) or 'none'}), got "
+        f"{'; '.join(wanted)}. To judge its result by that, run prefcal verify BEST.json {own}. To look for "
+        "a result that keeps it, begin a new study from the same answers: in place of --study, add "
+        f"--taste {shlex.quote(name)} {every}"
+    )
 
 
 # --- Manage study files: rename, remove, export, import and check them.

@@ -41,10 +41,10 @@ export const verdict = (met) => (typeof met !== "boolean" ? null : [el("span", {
   el("span", { class: "hidden" }, ` (objective ${met ? "met" : "missed"})`)]);
 
 // Return a table of the server's view, with the unit at each value.
-export const shownTable = ({ columns, rows }) => table(columns.map(({ name }) => name), rows.map(({ name, aim, about, unit, cells }) => ({
+export const shownTable = ({ label, columns, rows }) => table(columns.map(({ name }) => name), rows.map(({ name, aim, about, unit, cells }) => ({
   title: about || null, cells: [[symbol(name), aim ? el("small", { class: "faint" }, ` (${aim.replaceAll(" ", "\u00a0")})`) : null],
     ...cells.map(({ text, met, kind }) => el("span", { class: kind.split(" ").at(-1) }, withUnit(text, unit), verdict(met) ?? []))] })),
-{ class: "kpi-table", kinds: ["", ...columns.slice(1).map(({ kind }) => (kind === "words" ? "" : "number"))] });
+{ label, class: "kpi-table", kinds: ["", ...columns.slice(1).map(({ kind }) => (kind === "words" ? "" : "number"))] });
 
 // Return what is closed at first; it stays as the person left it while the page is drawn anew.
 export const folded = (id, summary, ...parts) => el("details", { id, open: $(id)?.open }, el("summary", {}, summary), ...parts);
@@ -55,9 +55,9 @@ export const counted = (count, noun) => `${count} ${noun}${count === 1 ? "" : "s
 export const values = (knobs, kind = "") => el("dl", { class: `values ${kind}` }, knobs.map(({ name, text, unit, title }) =>
   el("div", { title }, el("dt", {}, symbol(name)), el("dd", {}, withUnit(text, unit)))));
 
-// Return C_A with a subscript; T_s=0.5 in a command, and "M_s" between quotes, stay as they are typed.
+// Return C_A with a subscript, and ±5 % in one line; T_s=0.5 in a command, and "M_s" between quotes, stay as they are typed.
 export function symbol(text) {
-  const parts = text.split(/_([\p{L}\p{N}_]+)(?![\p{L}\p{N}_="])/u);
+  const parts = text.replace(/(±[\d.]+) %/g, "$1\u00a0%").split(/_([\p{L}\p{N}_]+)(?![\p{L}\p{N}_="])/u);
   return parts.map((part, i) => (i % 2 ? el("sub", {}, part.replaceAll("_", " ")) : part));
 }
 

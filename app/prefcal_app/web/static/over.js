@@ -21,10 +21,10 @@ export function showOver(now, act) {
   const typing = document.activeElement?.id === "more"; // when the report comes
   fill($("view-over"), el("div", { class: "hero" },
     el("span", { class: "done", "aria-hidden": "true" }, "✓"),
-    el("div", {}, el("h2", { id: "over-title" }, `${REASONS[over.reason] ?? over.words.replace(/^./, (letter) => letter.toUpperCase())}.`),
+    el("div", {}, el("h2", { id: "over-title" }, `${REASONS[over.reason] ?? over.words.replace(/^./, (letter) => letter.toUpperCase())}.`.replaceAll(" %", "\u00a0%")),
       el("p", { class: "faint" }, `${counted(progress.experiments, "experiment")}, ${counted(progress.given, "comparison")}.`))),
-  el("div", { class: "columns" }, gained(over), bestCard(over.best, "The result", !over.gain || over.gain.same)),
-  reasons(over), holds(over), steps(now, act));
+  el("div", { class: "columns" }, el("div", {}, bestCard(over.best, "The result", !over.gain || over.gain.same), gained(over)),
+    el("div", {}, holds(over), steps(now, act), reasons(over))));
   if (typing) $("more").focus();
 }
 
@@ -57,8 +57,8 @@ function gained({ gain, missed }) {
   if (!gain || !gain.table.rows.length) return null;
   const { columns, rows } = gain.table, most = rows.filter((_, k) => gain.first.includes(k)), least = rows.filter((_, k) => !gain.first.includes(k));
   return el("div", { class: "card gain" }, el("h3", {}, "What you got"),
-    gain.same ? el("p", {}, gain.none) : [picture(gain), shownTable({ columns, rows: most }),
-      least.length ? folded("gain-all", counted(least.length, "more KPI"), shownTable({ columns, rows: least })) : null],
+    gain.same ? el("p", {}, gain.none) : [picture(gain), shownTable({ label: "Most gained, and its cost", columns, rows: most }),
+      least.length ? folded("gain-all", counted(least.length, "more KPI"), shownTable({ label: "More KPIs", columns, rows: least })) : null],
     missed ? el("p", {}, missed) : null,
     gain.before.length ? folded("gain-back", "The way back", el("p", { class: "faint" }, gain.back), values(gain.before)) : null);
 }
@@ -73,10 +73,11 @@ function reasons({ why, decisive }) {
     decisive ? el("p", { class: "actions" }, button("Look at that answer again", again)) : null);
 }
 
-const holds = ({ held, next }) => (!held.length && !next.verifies ? null
-  : el("section", { class: "card" }, el("h3", {}, "Does it hold?"), sentences(held), next.verifies ? verification() : null));
+const holds = ({ held: [first, ...more], next }) => (!first && !next.verifies ? null
+  : el("section", { class: "card" }, el("h3", {}, "Does it hold?"), first ? sentences([first]) : null, next.verifies ? verification() : null,
+    more.length ? folded("robust", "What the robust study varied, and what that costs", sentences(more)) : null));
 
-// Show what to do next: the report first, then other ways to go on, and all else folded.
+// Show what to do next: report and controller first, then whether and how to go on, and all else folded.
 function steps(now, act) {
   const { over, study } = now;
   const { report, next } = over;
@@ -87,15 +88,14 @@ function steps(now, act) {
       report ? link("Acceptance sheet", { href: report.acceptance, target: "_blank", rel: "noopener" }) : null,
       next.download ? link("Download best.json", { href: next.download, download: "best.json" }) : null,
       button("Close prefcal", () => close(act), { title: "Ends the command in the terminal" })),
-    compareMore(now, act),
-    over.trial ? [el("h4", {}, "Try it on the plant"), trial(over.trial)] : null,
-    over.menu.length ? [el("h4", {}, "Or do you prefer one of these?"), el("p", { class: "faint" }, "People who answer like you might. Look at one beside the result, and at what lies between them."),
-      el("p", { class: "actions" }, over.menu.map(({ name }, k) => [button(name, () => showOther(k), { class: "other" }), el("kbd", {}, String(k + 1))]))] : null,
-    left(over),
-    next.python || next.forms ? folded("use", "Use the controller",
-      next.forms ? [el("h4", {}, "The PID for your control system: ISA, parallel and series form"), el("p", { class: "faint" }, symbol(next.forms.caption)), shownTable(next.forms)] : null,
+    next.python || next.forms ? folded("use", "Put it on your control system",
+      next.forms ? [el("h4", {}, "The PID in ISA, parallel and series form"), el("p", { class: "faint" }, symbol(next.forms.caption)), shownTable(next.forms)] : null,
       next.export.map((each) => command(each.command, `writes it in ${each.what}`)),
       next.python ? command(next.python, "builds it in Python") : null) : null,
+    over.trial ? [el("h4", {}, "Try it on the plant"), trial(over.trial)] : null,
+    over.menu.length ? [el("h4", {}, "Or do you prefer one of these?"), el("p", { class: "faint" }, "People who answer like you might. Look at one beside the result, and at what lies between them."),
+      el("p", { class: "actions" }, over.menu.map(({ name }, k) => button([symbol(name), " ", el("kbd", { "aria-hidden": "true" }, k + 1)], () => showOther(k), { class: "other" })))] : null,
+    el("h4", {}, "Compare more?"), left(over), compareMore(now, act),
     folded("come-back", "Come back later", command(study.again, "opens this study again"), command(over.command, "repeats it from the start"),
       report ? command(report.place, "is the report") : null));
 }
@@ -108,14 +108,14 @@ function compareMore({ progress, version }, act) {
     can("undo") ? button("Undo last answer", () => act("undo", { version }, "last answer undone")) : null);
 }
 
-// Show how much is left to gain, and what could stay as it was.
+// Show the chance that going on helps, and folded what else is known of it, and what could stay as it was.
 function left({ next: { outlook }, smaller, why, held, missed }) {
   const told = new Set([...why, ...held, missed]);
   const others = outlook?.sentences.filter((words) => !told.has(words)) ?? [];
-  if (!others.length && !smaller) return null;
-  return folded("left-to-gain", "How much is left to gain", sentences(others),
+  const [first, ...more] = others.flatMap((words) => words.split(/(?<=\.) (?=\p{Lu})/u));
+  return [first ? sentences([first]) : null, more.length || smaller || outlook?.command ? folded("left-to-gain", "More on what is left to gain", sentences(more),
     outlook?.command ? command(outlook.command, "widens the range") : null, // the last sentence ends with "for example with:"
-    smaller ? el("p", { class: "actions" }, button("Look at the smaller change", () => showTheta(smaller))) : null);
+    smaller ? el("p", { class: "actions" }, button("Look at the smaller change", () => showTheta(smaller))) : null) : null];
 }
 
 async function close(act) {
