@@ -623,10 +623,14 @@ class _Display(Progress):
     def get_renderables(self) -> Iterator[RenderableType]:
         """Yield the bar, and a line for each row below it."""
         yield from super().get_renderables()
-        rows = dict(self._rows)
+        rows, now = dict(self._rows), self._interview.now()
+        if now.incumbent is not None:  # read anew, since the end of a robust study can choose another one
+            theta = np.array(now.state.history.samples[now.incumbent].theta)
+            best = theta_text(self._interview.scenario.space, theta)
+            rows["best θ"] = f"{best} (experiment {now.incumbent + 1})"
         if (simulated := self._interview.known.simulated) is not None:
             rows["unseen"] = simulated.line
-        elif (running := self._interview.now().running) > 1:
+        elif (running := now.running) > 1:
             rows["at once"] = f"{running} experiments are running"
         for name, text in rows.items():
             style = "bold blue" if name == "best θ" else ""
@@ -643,11 +647,7 @@ class _Display(Progress):
         self._rows["θ now"] = theta_text(self._interview.scenario.space, theta)
 
     def compared(self, count: int = 1) -> None:
-        """Count experiments; show the verdicts and what the study would return now."""
+        """Count experiments; show the verdicts."""
         self.advance(self._bar, count)
-        now, verdicts = self._interview.now(), self._interview.known.counts.verdicts
+        verdicts = self._interview.known.counts.verdicts
         self._rows["verdicts"] = " · ".join(f"{VERDICTS[v]} {n}" for v, n in verdicts.items())
-        if (index := now.incumbent) is not None:
-            theta = np.array(now.state.history.samples[index].theta)
-            best = theta_text(self._interview.scenario.space, theta)
-            self._rows["best θ"] = f"{best} (experiment {index + 1})"
