@@ -25,7 +25,7 @@ from prefcal_scenarios.wording import join_words, quantity, with_unit
 
 # --- Say in one sentence why an experiment is shown, what the answer can change, and what was wanted.
 
-_MOST = 2  # number of KPIs named on either side of the sentence, those that matter most
+_MOST = 2  # number of KPIs named on either side of the sentence at most, those that matter most
 _NAMED = 3  # number of KPIs named of what could have been the result
 _LEAST = 0.01  # share of a KPI from which on it is a price
 _HARDLY = 0.05
@@ -135,8 +135,8 @@ def why(
 
 def _differs(reason: Reason, named: Callable[[str, bool], str]) -> str:
     """Return in what it differs from the best so far, the KPIs that matter most."""
-    better = join_words([named(name, True) for name in reason.better_in[:_MOST]])
-    worse = join_words([named(name, False) for name in reason.worse_in[:_MOST]])
+    better = " and ".join([named(name, True) for name in reason.better_in[:_MOST]])
+    worse = " and ".join([named(name, False) for name in reason.worse_in[:_MOST]])
     if better and worse:
         return f"has {better}, but {worse}"
     return f"has {better or worse}" if better or worse else "has about the KPIs of the best so far"
