@@ -280,12 +280,12 @@ def _converted(one: Any, other: Any, difference: bool) -> Conversion | None:
         registry.parse_units(f"delta_{unit}") if from_zero else unit
         for unit, from_zero in zip((one, other), above_zero, strict=True)
     ]
-    factor = _rounded(registry.Quantity(1.0, steps[0]).to(steps[1]).magnitude)
+    factor = _round(registry.Quantity(1.0, steps[0]).to(steps[1]).magnitude)
     if difference or not any(above_zero):
         return Conversion(factor)
     if "delta_" in f"{one} {other}":
         return None  # a temperature is no difference of temperatures
-    return Conversion(factor, _rounded(registry.Quantity(0.0, one).to(other).magnitude))
+    return Conversion(factor, _round(registry.Quantity(0.0, one).to(other).magnitude))
 
 
 def _angles(unit: Any) -> float:
@@ -293,6 +293,6 @@ def _angles(unit: Any) -> float:
     return float(sum(power for name, power in unit._units.items() if name in _ANGLES))
 
 
-def _rounded(value: Any) -> float:
+def _round(value: Any) -> float:
     short = float(f"{value:.12g}")  # 1 l/min is 0.06 m3/h, not 0.06000000000000001
     return short if isclose(short, value, rel_tol=1e-15) else float(value)

@@ -62,7 +62,7 @@ class DrawPool:
         Raises:
             KeyError: If a sample is not in the bank.
         """
-        utilities = _joined([limit(scale, draws) for _, draws in given])
+        utilities = _join([limit(scale, draws) for _, draws in given])
         shown = np.array([bank.find(sample.theta) for sample in given[-1][0].samples], dtype=np.int64)
         levels = utilities.levels(scale(bank, shown.tolist()))
         costs = utilities.costs(logs[shown])
@@ -105,7 +105,7 @@ def limit(scale: Scale, utilities: Utilities) -> Utilities:
     return replace(utilities, limits=limits)
 
 
-def _joined(draws: Sequence[Utilities]) -> Utilities:
+def _join(draws: Sequence[Utilities]) -> Utilities:
     return Utilities(*(np.concatenate([getattr(u, f.name) for u in draws]) for f in fields(Utilities)))
 
 

@@ -61,7 +61,7 @@ def linear_run(env: Any, controller: Any, seed: int) -> tuple[Record, Bool[np.nd
     # Compiled code does not notice a channel that does not exist.
     if np.any(packed[1] >= (n_y, len(plant.inputs))):
         return None
-    ends, noise = _drawn(task, T_s, seed, n_y)
+    ends, noise = _draw(task, T_s, seed, n_y)
     refs, d = _over(task.y_ref, ends[:-1]), _over(task.d, ends[:-1])
     generator, outputs, shifts = _matrices(plant, d)
     room, found = _room(task, ends, shifts, n_y)
@@ -108,7 +108,7 @@ def _over(signal: Signal | None, t: Float[np.ndarray, " N"]) -> Matrix:
     return signal.over(t) if isinstance(signal, StepSignal) else np.tile(np.asarray(signal), (len(t), 1))
 
 
-def _drawn(task: Task, T_s: float, seed: int, n_y: int) -> tuple[Float[np.ndarray, " N1"], Matrix]:
+def _draw(task: Task, T_s: float, seed: int, n_y: int) -> tuple[Float[np.ndarray, " N1"], Matrix]:
     """Return the ends of all periods, from 0 on, and the noise at their starts, drawn as `PlantEnv` draws."""
     random, last = np_random(seed)[0], task.horizon * (1 - 1e-12)
     size, bias = task.noise, 0.0 if task.bias is None else task.bias

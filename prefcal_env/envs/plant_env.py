@@ -224,13 +224,13 @@ class DeadTime:
     def outputs(self, t: float, delays: tuple[float, ...]) -> Float[np.ndarray, " n_y"]:
         """Return the outputs as seen at `t`, each from as long ago as its delay, shape (n_y,)."""
         if self._entries is not None:
-            return self._joined(t, self._entries + np.array(delays)[:, None])
+            return self._join(t, self._entries + np.array(delays)[:, None])
         if len(delays) == 1:
             return np.array(self._output(t - delays[0]))
         seen = {delay: self._output(t - delay) for delay in set(delays)}
         return np.array([seen[delay][i] for i, delay in enumerate(delays)], dtype=float)
 
-    def _joined(self, t: float, ago: Float[np.ndarray, "n_y n"]) -> Float[np.ndarray, " n_y"]:
+    def _join(self, t: float, ago: Float[np.ndarray, "n_y n"]) -> Float[np.ndarray, " n_y"]:
         """Return the sums of what each input adds to the outputs, from as long ago as `ago`."""
         y = np.zeros(len(ago))
         for delay in np.unique(ago).tolist():

@@ -123,7 +123,7 @@ def factors_of(plant: Plant, measuring: float | Sequence[float] = 0.0) -> Iterat
     own = plant.plant if isinstance(plant, Disturbed) else plant
     if sample := sample_of(own):
         count = len(sample.systems)
-        name, told, ends = _identified(sample), f"identified: {sample.told}", (1.0, float(count))
+        name, told, ends = _describe_sample(sample), f"identified: {sample.told}", (1.0, float(count))
         yield Factor(name, "parameter", sample.best + 1.0, *ends, f"of {count}", False, ends, 1.0, told=told)
     else:
         yield from _parameters(own, measuring)
@@ -138,7 +138,7 @@ def sample_of(plant: Plant) -> Ensemble | None:
     return getattr(own, "sample", None)
 
 
-def _identified(sample: Ensemble) -> str:
+def _describe_sample(sample: Ensemble) -> str:
     return f"plant identified from {sample.record}"
 
 
@@ -175,14 +175,14 @@ def varied_plant(plant: Plant, values: Values, later: float = 1.0) -> Disturbed:
     centers = known[0].tolist() if known else [None] * len(shares)
     inputs = tuple(map(_narrow, plant.inputs, shares, centers))
     if isinstance(plant, Disturbed):
-        return plant.around(_changed(plant.plant, values, later), inputs)
-    return Disturbed(_changed(plant, values, later), inputs=inputs)
+        return plant.around(_change(plant.plant, values, later), inputs)
+    return Disturbed(_change(plant, values, later), inputs=inputs)
 
 
-def _changed(plant: Plant, values: Values, later: float) -> Plant:
+def _change(plant: Plant, values: Values, later: float) -> Plant:
     """Return a plant with other parameters, time constants, gains and dead time."""
     if isinstance(plant, LinearPlant) and (sample := sample_of(plant)):
-        return plant.another(int(values.get(_identified(sample), sample.best + 1.0)) - 1)
+        return plant.another(int(values.get(_describe_sample(sample), sample.best + 1.0)) - 1)
     gains = np.array([values.get(_gain(c), 1.0) for c in plant.inputs])
     rates = np.array([1 / values.get(_constant(c), 1.0) for c in plant.states])
     speed, named = 1 / values.get(SPEED, 1.0), plant

@@ -131,7 +131,7 @@ def _read(node: ast.AST) -> Formula:
             return Formula(lambda run: run.reference(place(run.channels)), unit=unit, named=True)
         case ast.UnaryOp(op=op) | ast.BinOp(op=op) | ast.Compare(ops=[op]) if type(op) in _OPERATORS:
             operands = [_read(each) for each in ast.iter_child_nodes(node) if isinstance(each, ast.expr)]
-            return _joined(_OPERATORS[type(op)], operands, partial(_unit_of_operation, node))
+            return _join(_OPERATORS[type(op)], operands, partial(_unit_of_operation, node))
         case ast.Call(ast.Name(name), arguments, words):
             return _called(name, [*map(_read, arguments)], {word.arg: _read(word.value) for word in words})
     raise ScenarioError(
@@ -146,10 +146,10 @@ def _called(name: str, parts: Sequence[Formula], window: Mapping[str | None, For
         hint = did_you_mean(name, _FUNCTIONS)
         raise ScenarioError(f"there is no function {name!r}.{hint} Expected one of {', '.join(_FUNCTIONS)}")
     if name in ("max", "min") and len(parts) > 1 and not window:
-        return _joined(np.maximum if name == "max" else np.minimum, parts, _common_unit)
+        return _join(np.maximum if name == "max" else np.minimum, parts, _common_unit)
     one = len(parts) == 1 and (parts[0].curve or name in ("abs", "sqrt"))
     if one and name in _CURVES and not window:
-        return _joined(_CURVES[name], parts, partial(_unit_of_function, name, ""))
+        return _join(_CURVES[name], parts, partial(_unit_of_function, name, ""))
     timed = window.keys() <= {"after", "before"} and not any(end.curve for end in window.values())
     if not one or name not in _ALL or not timed:
         raise ScenarioError(f"{name} takes one signal; {', '.join(_ALL)} take after= and before=, too")
@@ -159,7 +159,7 @@ def _called(name: str, parts: Sequence[Formula], window: Mapping[str | None, For
         span = ends.get("after", -np.inf), ends.get("before", np.inf)
         return _in_window(name, parts[0].compute(run), run.t - run.t[0], *span, held=parts[0].held(run))
 
-    joined = _joined(np.add, [*parts, *window.values()])
+    joined = _join(np.add, [*parts, *window.values()])
 
     def unit(channels: Channels, signals: Collection[str]) -> str:
         spans = [end.unit(channels, signals) for end in window.values()]
@@ -202,7 +202,7 @@ def _in_window(name: str, x: Any, t: Any, after: float, before: float, *, held: 
     return _OVER_TIME[name](x[kept][:1], x[kept][:1], np.ones(1)) if kept.any() else np.nan
 
 
-def _joined(
+def _join(
     function: Callable[..., Any], parts: Sequence[Formula], rule: Callable[..., str] = lambda *units: "?"
 ) -> Formula:
     """Return the formula that applies `function` to its part, or from the first of several to the last.

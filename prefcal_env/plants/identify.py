@@ -236,7 +236,7 @@ def identify(
     # Two values are rounded: the one before a step and the one after it.
     wear = resolution / np.sqrt(6) / units[1]
     drawn = rng.choice(len(found), size=count - 1, p=[each.share for each in found]).tolist()
-    models = [_drawn(record, found[k], units, wear, rng) for k in drawn]
+    models = [_draw(record, found[k], units, wear, rng) for k in drawn]
     best, fit, drift = _best(record, found[0], units)
     _check_load(record, found[0], t)
     _check_told(models, units[0] * (1 - first))
@@ -271,7 +271,7 @@ def _model(family: Family, shape: Shape, factors: Float[np.ndarray, " k"], units
     )
 
 
-def _drawn(
+def _draw(
     record: Scaled, weighed: Weighed, units: tuple[float, ...], wear: float, rng: np.random.Generator
 ) -> Model:
     """Return a model drawn from those that explain the record."""

@@ -385,7 +385,7 @@ def recorded(
     if end is None:
         end = End.FAILED if not len(run.t) else End.UNSAFE if run.stopped else End.TIME_UP
     targets = [_target(r) for r in run.y_ref.T]
-    steps, drawn = _steps(run), _drawn(y, targets, run)
+    steps, drawn = _steps(run), _draw(y, targets, run)
     channels = _channels(u, y, targets, look, time_unit)
     made = Experiment(
         theta=theta,
@@ -414,7 +414,7 @@ def _steps(run: Aligned) -> dict[str, Any]:
     }
 
 
-def _drawn(
+def _draw(
     names: Iterable[str], targets: Iterable[float | None], run: Aligned
 ) -> dict[str, Float[np.ndarray, " K"]]:
     """Return the references of outputs that change, as signals."""

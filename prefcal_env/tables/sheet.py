@@ -119,10 +119,10 @@ def lines_of(text: str, wanted: Collection[str] = ()) -> Lines:
         raise RecordError(f"line {places[0]}: a quoted heading does not end: close its quote")
     separator = _separator(first, below[0] if below else "", wanted)
     (headings,) = _split([first], separator)
-    return _lines(separator, [_joined(headings, separator), *_split(below, separator)], places)
+    return _lines(separator, [_join(headings, separator), *_split(below, separator)], places)
 
 
-def _joined(headings: Sequence[str], separator: str) -> list[str]:
+def _join(headings: Sequence[str], separator: str) -> list[str]:
     """Return headings without separators in brackets, as A[1,3] has one without quotes."""
     found: list[str] = []
     for heading in headings:

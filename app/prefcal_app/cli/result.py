@@ -162,8 +162,8 @@ def show(record: StudyRecord, report: Path, console: Console) -> None:
     if record.best is not None:
         gain, result = gain_of(record), result_table(record)
         if not gain["same"]:
-            console.print(*_drawn(gain["title"], gain["table"], console))
-        console.print(*_drawn(record.scenario.title, result, console))
+            console.print(*_draw(gain["title"], gain["table"], console))
+        console.print(*_draw(record.scenario.title, result, console))
         if gain["before"]:
             say(console, gain["back"])
         if record.scenario.source.candidates is None:
@@ -183,7 +183,7 @@ def show_outlook(record: StudyRecord, console: Console, said: Sequence[str] = ()
             console.print(line, soft_wrap=True, markup=False, highlight=False)
 
 
-def _drawn(title: str, table: Mapping[str, Any], console: Console) -> Iterator[Table]:
+def _draw(title: str, table: Mapping[str, Any], console: Console) -> Iterator[Table]:
     """Yield a table of the view for the console; columns for which there is no room are in further ones."""
     names = [plain(labeled(row["name"], row["unit"])) for row in table["rows"]]
     heads = [plain(column["name"]) for column in table["columns"][1:]]

@@ -137,7 +137,7 @@ def aligned(left: NamedRun, right: NamedRun, *, align: bool | None = None) -> Al
     right = _with_other_kpis(right, left)
     kpis = {kpi.name: kpi for run in (left, right) for kpi in run.kpis}
     panels = _panels([left.experiment, right.experiment])
-    left, right = (run.changed(lambda each: _drawn(each, panels)) for run in (left, right))
+    left, right = (run.changed(lambda each: _draw(each, panels)) for run in (left, right))
     return left, right, tuple(panels.values()), tuple(kpis.values()), notes
 
 
@@ -353,7 +353,7 @@ def _curves(experiment: Experiment) -> dict[_Curve, Plot]:
     return {(plot.channel.name, plot.channel.unit, plot.nth): plot for plot in plots}
 
 
-def _drawn(experiment: Experiment, panels: dict[_Curve, Plot]) -> Experiment:
+def _draw(experiment: Experiment, panels: dict[_Curve, Plot]) -> Experiment:
     """Return a run with the curves that it has under the names of the panels.
 
     Inputs stay inputs, which are held between instants; all others become signals.

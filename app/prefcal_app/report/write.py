@@ -549,7 +549,7 @@ def _keep(said: Verified, found: Verification, tuning: BestTuning, best: Path, t
     for stale in best.parent.glob("worst_run_*.png"):
         stale.unlink(missing_ok=True)
     with suppress(Exception):  # what cannot run again has no picture
-        for rank, drawn in _drawn(tuning, found.worst(), said.worst, timeout):
+        for rank, drawn in _draw(tuning, found.worst(), said.worst, timeout):
             put(best.parent / picture(rank), drawn)
     refresh(best.parent)
 
@@ -583,7 +583,7 @@ def judge(folder: Path, worst: int, *, acceptable: bool) -> Verified:
     return told
 
 
-def _drawn(
+def _draw(
     tuning: BestTuning, worst: Sequence[VerifiedRun], said: Sequence[WorstRun], timeout: float | None
 ) -> Iterator[tuple[int, bytes]]:
     """Yield number and PNG of the worst runs that did not fail, beside nominal ones of the same seed."""

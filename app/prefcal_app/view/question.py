@@ -138,7 +138,7 @@ def curves_view(experiment: Experiment, panels: Sequence[Plot]) -> dict[str, Any
 def curve(t: Float[np.ndarray, " K"], y: Float[np.ndarray, " K"], *, held: bool) -> dict[str, Any]:
     """Return the points to draw, to six digits: changes of a held value, or the dense grid."""
     kept = _changes(y) if held else _extremes(y)
-    return {"t": _rounded(t[kept]), "y": _rounded(y[kept])}
+    return {"t": _round(t[kept]), "y": _round(y[kept])}
 
 
 def _changes(y: Float[np.ndarray, " K"]) -> np.ndarray:
@@ -160,12 +160,12 @@ def _extremes(y: Float[np.ndarray, " K"]) -> np.ndarray:
     return np.unique(np.concatenate([[0], kept, [len(y) - 1]]))
 
 
-def _rounded(values: Float[np.ndarray, " K"]) -> list[float | None]:
+def _round(values: Float[np.ndarray, " K"]) -> list[float | None]:
     """Return the values to six digits; NaN and infinity become None, a gap in the curve."""
     values = np.asarray(values, dtype=float)
     finite = np.isfinite(values)
     if not finite.all():
-        drawn = zip(_rounded(np.where(finite, values, 0.0)), finite, strict=True)
+        drawn = zip(_round(np.where(finite, values, 0.0)), finite, strict=True)
         return [value if there else None for value, there in drawn]
     size = np.where(values == 0, 1.0, np.abs(values))
     places = 5 - np.floor(np.log10(size))
@@ -254,7 +254,7 @@ class Seen:
         reached = [reach for reach in known if len(reach.y) == len(panels)]
         reached += [_reach(experiment, panels) for experiment in shown]
         t = _union(r.t for r in reached)
-        y = [_grown(panel, [r.y[i] for r in reached]) for i, panel in enumerate(panels)]
+        y = [_grow(panel, [r.y[i] for r in reached]) for i, panel in enumerate(panels)]
         return {"x": list(snapped(*t)) if t[0] < t[1] else [0.0, 1.0], "y": [list(range_) for range_ in y]}
 
     @property
@@ -293,7 +293,7 @@ def _union(ranges: Iterator[Range]) -> Range:
     return low, high
 
 
-def _grown(panel: Plot, ranges: Sequence[Range]) -> Range:
+def _grow(panel: Plot, ranges: Sequence[Range]) -> Range:
     """Return an axis that covers those of the first runs, of the first two, and so on: rounding alone,
     in other steps for more runs, would take some of it away."""
     reached, axis = _NOTHING, _NOTHING if ranges else _axis(panel, _NOTHING)
@@ -310,7 +310,7 @@ def _axis(panel: Plot, reached: Range) -> Range:
     if channel.target is not None:
         band = channel.band or 0.0
         low, high = min(low, channel.target - band), max(high, channel.target + band)
-    low, high = _framed(channel, low, high, whole=panel.kind == "u")
+    low, high = _frame(channel, low, high, whole=panel.kind == "u")
     if not low < high:
         middle = low if low == high else 0.0
         return middle - 1.0, middle + 1.0
@@ -327,7 +327,7 @@ def snapped(low: float, high: float, grain: int = _GRAIN) -> Range:
     return step * float(np.floor(low / step + 1e-9)), step * float(np.ceil(high / step - 1e-9))
 
 
-def _framed(channel: Channel, low: float, high: float, *, whole: bool) -> Range:
+def _frame(channel: Channel, low: float, high: float, *, whole: bool) -> Range:
     """Extend a range to limits that the curves come near; distant ones would flatten the curves.
 
     A range covers at least a tenth of the allowed span, so that noise is not magnified. It is the `whole`
@@ -415,7 +415,7 @@ def eventful(panels: Sequence[Plot], axes: dict[str, Any], *shown: Experiment) -
     start, end = min(each[0][0] for each in found), max(each[-1][1] for each in found)
     if not start < end:
         return [[first, last]]
-    apart = [_around(*part, first, last) for part in _joined(found, _APART * (end - start))]
+    apart = [_around(*part, first, last) for part in _join(found, _APART * (end - start))]
     if 1 < len(apart) <= _PARTS and sum(b - a for a, b in apart) < _FEW * (end - start):
         gaps = np.array([[a[1], b[0]] for a, b in pairwise(apart)])
         if not any(_drifts(panel_curves(panels, run), run.t, gaps, axes["y"]) for run in runs):
@@ -447,7 +447,7 @@ def _around(start: float, end: float, first: float, last: float) -> list[float]:
     return [max(shown[0], first), min(shown[1], last)]
 
 
-def _joined(found: Iterable[Sequence[Range]], gap: float) -> list[Range]:
+def _join(found: Iterable[Sequence[Range]], gap: float) -> list[Range]:
     """Return the union of ranges, in order, where those less than `gap` apart are one."""
     parts: list[Range] = []
     for low, high in sorted(range_ for each in found for range_ in each):

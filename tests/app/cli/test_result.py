@@ -4,7 +4,7 @@ from io import StringIO
 
 from rich.console import Console
 
-from prefcal_app.cli.result import _drawn
+from prefcal_app.cli.result import _draw
 from prefcal_app.view.question import cell, row, table
 
 
@@ -17,7 +17,7 @@ def test_a_table_in_a_terminal_cuts_no_word_and_goes_on_where_there_is_no_room()
     shown = table("Result table", heads, [row(name, cells, unit="min"), row("b", cells)])
     for width, tables in ((120, 1), (60, 2), (36, 4)):
         console = Console(width=width, file=StringIO())
-        drawn = list(_drawn("PID", shown, console))
+        drawn = list(_draw("PID", shown, console))
         console.print(*drawn)
         lines = console.file.getvalue().splitlines()
         said = " ".join(" ".join(lines).split())
