@@ -51,7 +51,6 @@ class Described:
         limit: Limit of a KPI or margin, for example "overshoot <= 2.5 %" or "phase_margin >= 45": its
             name, as in `prefcal check`, or its title, <= or >=, a number with a decimal point, and a unit.
             Repeat the option for more.
-            Repeat the option for more.
         stop_time: Duration of an experiment, in the model's unit of time.
         config: Configuration of the scenario, for example the road and traffic of overtake.
         run_timeout: Time limit for one run of your own scenario; a longer run is ended and counts
