@@ -250,7 +250,8 @@ def _held(
         none = "it meets no stated limit nominally" if limited else "no limit is stated"
         reach = "safely and reach what the nominal run reaches"
         if kept >= ENOUGH and limited:
-            return f"{which} meets no stated limit: all {ENOUGH} runs {_VARIED} end {reach}, no more.{left}"
+            ends = f"All {ENOUGH} runs {_VARIED} end {reach}, no more."
+            return f"{which} does not hold: it meets no stated limit.{left} {ends}"
         if kept >= ENOUGH:
             return f"{which} holds: all {ENOUGH} runs {_VARIED} end {reach} ({none})."
         lost = f"end safely, or does not reach what the nominal run reaches ({none})"
@@ -275,8 +276,9 @@ def robust(found: RobustResult, scenario: Scenario, nominal: Experiment | None =
     if found.kept < ENOUGH:
         return  # nothing was paid
     yield _perturbed(scenario)
-    if found.outdone:
-        return
+    missed = nominal is not None and any(k.met_by(nominal) is False for k in breakable(scenario.kpis))
+    if found.outdone or missed:
+        return  # what does not hold has no price
     kpis = {kpi.name: kpi for kpi in scenario.kpis}
     prices = [_price(kpis.get(name), name, ours, theirs) for name, ours, theirs in found.costs]
     costs = (

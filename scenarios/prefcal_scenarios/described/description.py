@@ -3,7 +3,7 @@
 import re
 import shlex
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from math import isfinite
 from pathlib import Path
 from typing import Any, Literal
@@ -103,6 +103,12 @@ def limit_of(text: str) -> tuple[str, dict[str, Any]]:
     return name, {end: value} | ({"unit": unit} if unit else {})
 
 
+def join_limits(kept: Iterable[str], wanted: Sequence[str]) -> list[str]:
+    """Return the wanted limits after those kept of other KPIs, each a text as `limit_of` takes it."""
+    limited = {limit_of(text)[0] for text in wanted}
+    return [*(text for text in kept if limit_of(text)[0] not in limited), *wanted]
+
+
 def listed(texts: Iterable[str]) -> list[str]:
     """Return the names in texts such as "level,valve", in order."""
     names = [name.strip() for text in texts for name in COMMA.split(text)]
@@ -192,7 +198,10 @@ def description_of(name: str, config: Mapping[str, Any]) -> Description:
         key = next((world.key for world in WORLDS if world.ending == path.suffix != ""), "controller")
         values = {key: name}
     for key, value in config.items():
-        # An option adds one knob to those of a file; it replaces a plant or a stop time.
+        # An option adds one knob or limit to those of a file; it replaces a plant or a stop time.
+        if key == "limits" and isinstance(values.get(key), list):
+            values[key] = join_limits(values[key], value)
+            continue
         both = key in _MERGED and isinstance(value, Mapping)
         merges = both and isinstance(values.get(key), Mapping)
         values[key] = {**values[key], **value} if merges else value

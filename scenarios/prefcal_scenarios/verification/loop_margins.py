@@ -129,6 +129,12 @@ def usual_margins(m: Margins) -> str:
     return f"does not have {' or '.join(missed)}" if missed else "has them all"
 
 
+def has_poor_margins(found: Margins | str) -> str:
+    """Return which of the usual limits a loop misses at start or target, in words after its name; or ""."""
+    both = [m for m in (found, getattr(found, "target", None)) if isinstance(m, Margins)]
+    return next((words for m in both if not (words := usual_margins(m)).startswith("has")), "")
+
+
 _OFFSET = 0.1  # share of a lasting disturbance from which on a loop is told to leave it
 
 

@@ -44,7 +44,8 @@ from .loop_margins import USUAL, kept_margin, remaining, usual_margins
 
 CONFIDENCE = 0.95
 _TRIED = 4  # number of factors that other tunings meet, those that hurt most
-_CHANCE = 5  # runs that a relaxed limit must gain: fewer can as well be chance, 1/2 to the power of 5 is 3 %
+_MUCH = 0.1  # share of the room to a limit from which on a factor is told to use it
+CHANCE = 5  # runs that a relaxed limit must gain: fewer can as well be chance, 1/2 to the power of 5 is 3 %
 RANGE_0 = "its range is 0"
 """Why something does not vary that somebody left out."""
 _OF_STEP = (STEP, LARGER, AHEAD, BACK, DIRECTION)
@@ -97,6 +98,7 @@ class Effect:
     # how much worse, as a share of the KPI's 5 to 95 % range over all runs; infinite if a
     # limit is lost
     worsening: float
+    used: float = 0.0  # how much of the room to a limit of a run it uses, as a share, where that is much
     doubled: bool = False  # whether that KPI is more than doubled, and by more than half of that range
     unheld: tuple[VerifiedRun, ...] = ()  # runs at its ends that do not count, see `Verification.unheld`
 
@@ -203,6 +205,12 @@ class Verification:
         return self.sound and not self.failed if self.runs and breakable(self.kpis) else None
 
     @property
+    def keeps_margins(self) -> bool | None:
+        """Return whether the nominal loop keeps the stated limits on margins; None without any."""
+        limited = any(k.margin and k.met(0.0) is not None for k in self.kpis)
+        return not self.misses_margin if limited and not isinstance(self.tuning.margins, str) else None
+
+    @property
     def stated(self) -> str:
         """Return what of the task is stated, though it varied, in words."""
         words = [*dict.fromkeys(_TASK.get(f.name, f.name) for f in self.unstated)]
@@ -247,7 +255,9 @@ class Verification:
             said += f" Not even the nominal run has a finite {' or '.join(self.never)}."
         said += self._quiet
         usual = "; ".join(self._offer(*each) for each in self.usual)
-        return f"{said}{f' Usual limits: {usual}.' if usual and count else ''} {self.margin_verdict}".rstrip()
+        usual = f" Usual limits: {usual}." if usual and count else ""
+        known = "nominal loop is not stable" in said  # nothing else can be said of margins then
+        return f"{said}{usual}{'' if known else f' {self.margin_verdict}'}".rstrip()
 
     @property
     def apart(self) -> str:
@@ -454,7 +464,7 @@ class Verification:
         able = [kpi for kpi in self.kpis if kpi.goal != "target" and _miss_words(kpi) in missed]
         alone = [self._relax([kpi]) for kpi in able]
         together = self._relax(able)
-        more = len(able) > 1 and together[0] >= max(held for held, _ in alone) + _CHANCE
+        more = len(able) > 1 and together[0] >= max(held for held, _ in alone) + CHANCE
         return tuple(words for _, words in [*alone, *([together] if more else [])] if words)
 
     def _relax(self, kpis: Sequence[KPI]) -> tuple[int, str]:
@@ -468,7 +478,7 @@ class Verification:
         ]
         changed = [kpi for words, kpi in misses.items() if any(words in run.problems for run in freed)]
         held, count = len(self.runs) - len(self.failed) + len(freed), len(self.runs)
-        if len(changed) < len(kpis) or len(freed) < _CHANCE:
+        if len(changed) < len(kpis) or len(freed) < CHANCE:
             return held, ""
         limits = [f"{_tightest(kpi, freed)} in place of {limits_text(kpi)}" for kpi in kpis]
         if len(kpis) == 1:
@@ -511,15 +521,15 @@ class Verification:
     def effects(self) -> tuple[Effect, ...]:
         """Return what each factor does alone, the one that hurts most first.
 
-        First who loses a limit, by how far, then who doubles a KPI: what does so often, as noise does, makes
-        wide the range of which `worsening` is a share.
+        First who loses a limit, by how far, then who comes nearest to one, then who doubles a KPI: what does
+        so often, as noise does, makes wide the range of which `worsening` is a share.
         """
         pairs = zip(self.factors, self.alone[::2], self.alone[1::2], strict=False)
         both = [[*self._ends(factor, runs)] for factor, *runs in pairs]
 
-        def badness(effect: Effect) -> tuple[float, bool, float, int]:
+        def badness(effect: Effect) -> tuple[float, float, bool, float, int]:
             lost = self._beyond(effect.run) if np.isinf(effect.worsening) else -1.0
-            return lost, effect.doubled, effect.worsening, len(effect.run.problems)
+            return lost, effect.used, effect.doubled, effect.worsening, len(effect.run.problems)
 
         return tuple(sorted((max(pair, key=badness) for pair in both), key=badness, reverse=True))
 
@@ -554,7 +564,21 @@ class Verification:
         worse = ((doubled and share > 0.5, share, kpi) for share, doubled, kpi in self._worse(run))
         doubled, worsening, kpi = max(worse, default=(False, 0.0, ""))
         lost = set(run.problems) - set(self.tuning.nominal.problems)
-        return Effect(factor, run, kpi, np.inf if lost else worsening, doubled)
+        used, limited = max(self._used(run), default=(0.0, ""))
+        kpi, used = (limited, used) if used >= _MUCH else (kpi, 0.0)
+        return Effect(factor, run, kpi, np.inf if lost else worsening, used, doubled)
+
+    def _used(self, run: VerifiedRun) -> Iterator[tuple[float, str]]:
+        """Yield how much of the room that a KPI has nominally to its limit a run uses, and its title."""
+        nominal = self.tuning.nominal
+        for kpi in breakable(self.kpis):
+            if kpi.goal not in ("lower", "higher") or not {kpi.name} <= run.kpis.keys() & nominal.kpis.keys():
+                continue
+            limit = kpi.at_most if kpi.goal == "lower" else kpi.at_least
+            room, gone = (abs(nominal.kpis[kpi.name] - end) for end in (limit, run.kpis[kpi.name]))
+            worse = kpi.badness(run.kpis[kpi.name]) > kpi.badness(nominal.kpis[kpi.name])
+            if worse and room > 0 and kpi.met(nominal.kpis[kpi.name]):
+                yield min(gone / room, 1e300), kpi.title
 
     def _worse(self, run: VerifiedRun) -> Iterator[tuple[float, bool, str]]:
         """Yield by how much KPIs are worse than nominally: share of their range, if doubled, and title."""

@@ -30,8 +30,17 @@ from prefcal_scenarios.wording import (
     with_unit,
 )
 
-from .loop_margins import margins_said
-from .result import CONFIDENCE, Effect, Robustness, Verification, VerifiedRun, breakable, most_probable
+from .loop_margins import has_poor_margins, margins_said
+from .result import (
+    CHANCE,
+    CONFIDENCE,
+    Effect,
+    Robustness,
+    Verification,
+    VerifiedRun,
+    breakable,
+    most_probable,
+)
 
 # --- What a verification leaves beside its best.json, as plain data for people and programs.
 
@@ -180,7 +189,7 @@ class Verified:
             seed=found.seed,
             apart=len(found.unheld),
             holds=found.holds,
-            keeps_margins=None if isinstance(found.tuning.margins, str) else not found.misses_margin,
+            keeps_margins=found.keeps_margins,
         )
 
     @property
@@ -273,20 +282,20 @@ def _next(found: Verification, scenario: Scenario, baseline: str, robust: bool) 
     widen = tuple(_widened(found))
     before = _before(found, scenario, baseline)
     if found.tuning.margins == UNSTABLE:
-        limited = any(kpi.name == "M_s" and kpi.met(0.0) is not None for kpi in found.kpis)
-        first = "begin elsewhere (--start)" if limited else "state a limit on M_s, such as at most 2,"
+        free = any(kpi.name == "M_s" and kpi.met(0.0) is None for kpi in found.kpis)  # of others, none can be
+        first = "state a limit on M_s, such as at most 2," if free else "begin elsewhere (--start)"
         return (*filter(None, [before]), f"look for a stable loop: {first} and repeat the study")
     if not found.failed:
         return widen
+    relaxed = () if before else found.advice  # where a better tuning is known, no limit has to go
     alone = f"if nothing but {found.stated} counts, verify that alone, with --range task=0"
     every = (
         before,
         *widen,
         found.limiting,
         alone if found.holds_as_stated else "",
-        _another(found, scenario, robust) if scenario.simulated else "",
+        _another(found, scenario, robust, relax=not before) if scenario.simulated else "",
     )
-    relaxed = () if before else found.advice  # where a better tuning is known, no limit has to go
     return (*filter(None, every), *relaxed)
 
 
@@ -296,7 +305,9 @@ def _before(found: Verification, scenario: Scenario, baseline: str) -> str:
         return ""
     runs, name = found.before.runs, f"the tuning before ({baseline})"
     if found.before.holds(len(found.runs)) and replace(found, tuning=found.before).sound:
-        return f"take {name}: it holds in all {len(runs)} of the same runs"
+        holds = f"it holds in all {len(runs)} of the same runs"
+        poor = has_poor_margins(found.before.margins)
+        return f"look at {name}: {holds}, but its nominal loop {poor}" if poor else f"take {name}: {holds}"
     if not _better(found):
         return ""
     old, new = (sum(not run.problems for run in each[: len(runs)]) for each in (runs, found.runs))
@@ -330,13 +341,13 @@ def _widened(found: Verification) -> Iterator[str]:
         yield f"only a larger range of {name}, or less that varies (--range), helps the plants not counted"
 
 
-def _another(found: Verification, scenario: Scenario, robust: bool) -> str:
-    """Return which other tuning to look for, or what else to change; "" if neither helps."""
+def _another(found: Verification, scenario: Scenario, robust: bool, *, relax: bool) -> str:
+    """Return which other tuning to look for, or what else to change, such as a limit; "" if neither helps."""
     tried = found.others
     offset = " (it has no integral action)" if found.remaining else ""
     ways = [] if found.limiting else [f"change the controller{offset}"]  # else the input is to blame
-    change = " or ".join([*ways, "relax the limit"] if breakable(found.kpis) else ways)
-    due = f"{change}: " if change else ""
+    ways += ["relax the limit"] * (relax and bool(breakable(found.kpis)) and len(found.failed) >= CHANCE)
+    due = f"{change}: " if (change := " or ".join(ways)) else ""
     drawn = "" if tried is None else f"{tried.nominal or 'none'} of {tried.count} tunings drawn at random"
     known = tried is not None and tried.nominal >= _ENOUGH  # of fewer, chance would say it
     lost = [each.factor for each in found.effects if np.isinf(each.worsening)]

@@ -311,8 +311,8 @@ def test_which_limits_a_robust_result_meets_nominally_is_said_by_name():
     )
     assert said(12, t_f=6.0, peak=0.5) == (f"{fails} on peak. It misses time t_f even nominally.")
     assert said(300, t_f=6.0, peak=2.0) == (
-        f"The result meets no stated limit: all 300 runs {VARIED} end safely and reach what the nominal run "
-        "reaches, no more. It misses time t_f and peak even nominally."
+        "The result does not hold: it meets no stated limit. It misses time t_f and peak even nominally. All "
+        f"300 runs {VARIED} end safely and reach what the nominal run reaches, no more."
     )
 
 

@@ -102,6 +102,15 @@ def test_a_limit_of_what_no_run_has_is_refused(text, said):
         limited(load(SOURCE.format("[]")), text.split("; "))
 
 
+def test_an_option_adds_its_limit_to_those_of_the_file_and_replaces_that_of_the_same_kpi(tmp_path):
+    (tmp_path / "tank.toml").write_text(
+        'controller = "pid"\nplant = "tank.py:plant"\n'
+        'limits = ["overshoot <= 10 %", "settling_time <= 90 s"]\n'
+    )
+    kpis = {kpi.name: kpi for kpi in load('tank.toml {"limits": ["overshoot <= 4 %"]}').kpis}
+    assert (kpis["overshoot"].at_most, kpis["settling_time"].at_most) == (4.0, 90.0)
+
+
 def test_of_ones_own_scenario_only_its_kpis_can_be_limited():
     space, run = load("lag").space, lambda theta, seed=0: None
     own = Scenario("own", "Own", space, run, kpis=(KPI("left", "left", "m", better="lower"),))

@@ -131,6 +131,10 @@ def test_of_a_loop_that_is_not_stable_nothing_holds_and_a_stable_one_is_advised(
     )
     assert swings.limits.endswith("The nominal loop is not stable, though its run ended safely.")
     assert Verified.of(swings, SPRING, "", "1.0", "").advice == (
+        "look for a stable loop: begin elsewhere (--start) and repeat the study",  # no M_s to limit
+    )
+    free = replace(swings, kpis=(KPI("M_s", "M_s", better="lower", margin=True), KPIS[0]))
+    assert Verified.of(free, SPRING, "", "1.0", "").advice == (
         "look for a stable loop: state a limit on M_s, such as at most 2, and repeat the study",
     )
 
@@ -287,6 +291,44 @@ def test_what_breaks_a_tuning_most_comes_first_and_what_is_advised_goes_by_it():
     first, second, third = found.worst()
     assert {heaviest, latest} <= {each.kpis[kpi.name] for each in (first, second) for kpi in kpis}
     assert third.problems
+
+
+def test_what_comes_nearest_to_a_limit_is_said_before_what_changes_most():
+    def moved(theta, seed=0, mass=1.0, stiffness=4.0):
+        return run(theta, seed, mass, stiffness).with_kpis(
+            {"weight": 2 / mass, "pull": 4 * (stiffness / 4) ** 9}
+        )
+
+    class Both(Source):
+        def __init__(self, values=None):
+            self.values = values or {}
+
+        def run(self, theta, seed=0):
+            return moved(
+                theta, seed, *(self.values.get(n, v) for n, v in (("mass", 1.0), ("stiffness", 4.0)))
+            )
+
+        def varied(self):
+            names = (Factor.around("mass", "parameter", 0.1), Factor("stiffness", "parameter", 4.0, 3.6, 4.4))
+            return Varied(names, (), Both)
+
+    kpis = (KPI("weight", "weight", at_most=2.5), KPI("pull", "pull", better="lower"))
+    found = verify(Scenario("both", "Both", SPACE, Both(), kpis=kpis), THETA, 50, jobs=1)
+    assert not found.failed
+    first, second = found.effects
+    # A mass of 0.9 weighs 2.22: 44 % of the way from 2 to 2.5. The pull more than doubles, but has no limit.
+    assert (first.factor.name, first.kpi, first.used) == ("mass", "weight", pytest.approx(0.444, abs=1e-3))
+    assert (second.factor.name, second.kpi, second.used, second.doubled) == ("stiffness", "pull", 0.0, True)
+
+
+def test_a_tuning_before_that_holds_with_poor_margins_is_not_simply_taken():
+    found = verify(replace(SPRING, simulated=True), THETA, 100, start=THETA / 2, jobs=1)
+    poor = Margins(1.3, 0.0, 22.0, 0.2, 4.86, 0.3)
+    shaky = replace(found, before=replace(found.before, margins=poor))
+    assert Verified.of(shaky, SPRING, "first experiment", "1.0", "").advice[0] == (
+        "look at the tuning before (first experiment): it holds in all 100 of the same runs, but its nominal "
+        "loop does not have M_s ≤ 2 or gain ≥ 6 dB or phase ≥ 30°"
+    )
 
 
 def test_the_worst_run_is_the_one_farthest_beyond_the_limit():

@@ -51,8 +51,8 @@ from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.described.description import (
     FLAGS,
+    join_limits,
     knob_of,
-    limit_of,
     listed,
     named_numbers,
     resumed_source,
@@ -376,8 +376,7 @@ def _refuse_limits(name: str, kept: list[str], wanted: list[str]) -> None:
     """Raise a SettingsError if the wanted limits are not those of the study called `name`."""
     if wanted in ([], kept):
         return
-    limited = {limit_of(text)[0] for text in wanted}
-    both = [*(text for text in kept if limit_of(text)[0] not in limited), *wanted]
+    both = join_limits(kept, wanted)
     own, every = (shlex.join(w for text in texts for w in ("--limit", text)) for texts in (wanted, both))
     raise SettingsError(
         f"study {name!r} keeps the limits with which it was started ({'; '.join(kept) or 'none'}), got "
