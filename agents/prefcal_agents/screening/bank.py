@@ -152,8 +152,8 @@ class Simulations:
     def held(self, bank: Bank, rows: Int[np.ndarray, " r"]) -> Bool[np.ndarray, " r"]:
         """Return which rows of a bank hold, shape (r,): all do where the study is not robust.
 
-        They keep in all perturbed runs what they keep nominally. That is every stated limit if some row
-        of the bank keeps all: else the more a θ missed, the less it would have to hold.
+        They keep in all perturbed runs what they keep nominally, and no row misses fewer stated limits: or
+        the more a θ missed, the less it would have to hold.
         """
         if self.holds is None:
             return np.ones(len(rows), dtype=np.bool_)
@@ -162,11 +162,12 @@ class Simulations:
         return held
 
     def eligible(self, bank: Bank) -> Bool[np.ndarray, " m"]:
-        """Return which θ of a bank keep all stated limits nominally, shape (m,); all θ if none does."""
+        """Return which θ of a bank miss the fewest stated limits nominally, shape (m,): none if one can."""
         limits = [self.reading.limits.get(name) for name in bank.names]
         limited = [k for k, most in enumerate(limits) if most is not None]
-        kept = (bank.kpis[:, limited] <= [limits[k] for k in limited]).all(axis=1) & ~bank.hopeless
-        return np.asarray(kept if kept.any() else np.ones(len(bank), dtype=np.bool_))
+        missed = (bank.kpis[:, limited] > [limits[k] for k in limited]).sum(axis=1)
+        missed[bank.hopeless] = len(limited) + 1
+        return np.asarray(missed == missed.min())
 
     def _run(self, wanted: Mapping[bytes, Theta]) -> None:
         """Simulate those of `wanted` that are not known; a function of one θ by one thread."""

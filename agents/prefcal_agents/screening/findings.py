@@ -59,7 +59,7 @@ class RobustResult:
         kept: How many perturbed runs keep the limits before one does not.
         costs: KPIs in which another θ is better that promises most, but does not hold, what matters
             most first; each with the value of the best θ and of that one, as agents know them.
-        outdone: Whether it does not hold since it misses limits nominally, and a simulated θ keeps all.
+        outdone: Whether it does not hold since it misses more limits nominally than a simulated θ does.
         among: Whether costs are beside those θ alone that keep all stated limits nominally.
     """
 

@@ -233,9 +233,8 @@ def _held(
         failed = [k.title for k in stated if nominal is not None and k.met_by(nominal) is False]
         lost = join_words(failed or ["a stated limit"])
         keeps = f" It keeps {join_words(met)} in all {ENOUGH} runs {_VARIED}." if met else ""
-        return (
-            f"{which} does not hold: it misses {lost} nominally, and a simulated θ keeps all limits.{keeps}"
-        )
+        first = f"{which} does not hold: it misses {lost} nominally"
+        return f"{first}, and a simulated θ misses fewer limits.{keeps}"
     if limited and (met or nominal is None):
         those = (
             f"the limit{'s' * (len(met) > 1)} on {join_words(met)}"

@@ -264,6 +264,20 @@ def test_where_no_theta_keeps_all_limits_each_holds_by_those_that_it_keeps():
     assert (found.kept, found.outdone, found.among) == (ENOUGH, False, False)
 
 
+def test_where_no_theta_keeps_all_limits_only_those_that_miss_the_fewest_can_hold():
+    class Strict(Limited):
+        reading = Reading(limits={"noise": 1.1, "time": 0.5})  # nothing is as fast as that
+
+        def holds(self, thetas, most):
+            return [most for _ in thetas]  # who misses both has nothing to lose
+
+    for seed in range(3):
+        agent = studied(Strict(), seed)
+        assert 0.4 < agent.best[0] <= 0.6, "the fastest of those that keep the noise"
+        found = everything(agent).robustness
+        assert (found.kept, found.outdone, found.among) == (ENOUGH, False, True)
+
+
 def test_a_result_that_misses_a_limit_says_so_if_nothing_that_was_shown_holds():
     class Lost(Limited):
         def holds(self, thetas, most):

@@ -322,7 +322,7 @@ def test_a_robust_result_that_misses_what_another_keeps_is_not_said_to_hold():
     nominal = toy.run(WANTED).with_kpis({"t_f": 6.0, "peak": 0.5})
     found = RobustResult(300, outdone=True)
     kept, _ = robust(found, scenario, nominal)  # then what varies, and no price
-    lost = "nominally, and a simulated θ keeps all limits."
+    lost = "nominally, and a simulated θ misses fewer limits."
     assert kept == (
         f"The result does not hold: it misses time t_f {lost} It keeps peak in all 300 runs {VARIED}."
     )
