@@ -67,7 +67,7 @@ class Bank:
         """Return which θ have no finite KPI, shape (m,): they failed, or were interrupted."""
         return np.asarray(np.isinf(self.kpis).all(axis=1))
 
-    def holds(self, thetas: Float[np.ndarray, "p n"]) -> bool:
+    def has_all(self, thetas: Float[np.ndarray, "p n"]) -> bool:
         """Return whether all of p physical θ were simulated."""
         return {*_keys(thetas)} <= {*_keys(self.thetas)}
 

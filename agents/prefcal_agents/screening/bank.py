@@ -603,7 +603,7 @@ class Growth:
             spread = np.append(spread, np.arange(len(stage.bank), len(bank)))
         # A person may ask for any θ, also for one that the design never had: answers about it need its KPIs.
         z, thetas = np.array([s.z for s in past.samples]), np.array([s.theta for s in past.samples])
-        return bank if bank.holds(thetas) else self.extend(bank, z, thetas), spread
+        return bank if bank.has_all(thetas) else self.extend(bank, z, thetas), spread
 
     def _learn(
         self, past: History, before: History, bank: Bank, scale: Scale, utilities: Utilities

@@ -324,7 +324,8 @@ def _robustness(agent: Screening, stage: Stage, past: History, best: int) -> Rob
     bank, eligible = stage.bank, agent.simulations.eligible(stage.bank)
     rival = int(np.argmax(np.where(eligible, agent.growth.worth(past).mean(axis=0), -np.inf)))
     kept, other = agent.simulations.runs_kept(bank.thetas[[best, rival]]).tolist()
-    found = RobustResult(kept, outdone=bool(~eligible[best]), among=bool(~eligible.all()))
+    whole = not agent.simulations.reading.missed(bank.names, bank.kpis[[best]])[0]
+    found = RobustResult(kept, outdone=bool(~eligible[best]), among=whole and bool(~eligible.all()))
     if rival == best or other == ENOUGH or found.outdone:
         return found
     names = reason_for(stage, rival, best, past).better_in

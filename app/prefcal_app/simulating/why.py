@@ -275,7 +275,7 @@ def robust(found: RobustResult, scenario: Scenario, nominal: Experiment | None =
     if found.kept < ENOUGH:
         return  # nothing was paid
     yield _perturbed(scenario)
-    missed = nominal is not None and any(k.met_by(nominal) is False for k in breakable(scenario.kpis))
+    missed = nominal is not None and any(k.met_by(nominal) is False for k in scenario.kpis)
     if found.outdone or missed:
         return  # what does not hold has no price
     kpis = {kpi.name: kpi for kpi in scenario.kpis}

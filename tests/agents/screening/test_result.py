@@ -275,7 +275,8 @@ def test_where_no_theta_keeps_all_limits_only_those_that_miss_the_fewest_can_hol
         agent = studied(Strict(), seed)
         assert 0.4 < agent.best[0] <= 0.6, "the fastest of those that keep the noise"
         found = everything(agent).robustness
-        assert (found.kept, found.outdone, found.among) == (ENOUGH, False, True)
+        # Others miss more, but nothing keeps all limits: no price is beside what does.
+        assert (found.kept, found.outdone, found.among) == (ENOUGH, False, False)
 
 
 def test_a_result_that_misses_a_limit_says_so_if_nothing_that_was_shown_holds():
