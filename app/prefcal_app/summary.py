@@ -458,10 +458,10 @@ FIRST_RUN = "experiment 1"
 """What the first experiment of a study is called."""
 
 
-def begin_with(named: Mapping[str, Experiment], space: KnobSpace, limited: Sequence[KPI]) -> str:
-    """Return that the first of some experiments that keeps all limits does so, and how to begin with it.
+def keeps_all(named: Mapping[str, Experiment], space: KnobSpace, limited: Sequence[KPI]) -> str:
+    """Return what the first of some experiments is called that keeps all limits; empty if none does.
 
-    It is empty if none does that ended safely and lies in the searched ranges.
+    It ended safely and lies in the searched ranges.
 
     Args:
         named: Experiments by what they are called.
@@ -472,11 +472,18 @@ def begin_with(named: Mapping[str, Experiment], space: KnobSpace, limited: Seque
     for name, run in named.items():
         inside = not run.end.interrupted and ((low <= run.theta) & (run.theta <= high)).all()
         if inside and all(kpi.met_by(run) for kpi in limited):
-            if name == FIRST_RUN:  # the same command would begin there again
-                return f"{name}, where the study began, misses none: go back to it, or continue"
-            start = shlex.join(["--start", typed_theta(space, run.theta.tolist())])
-            return f"{name} misses none: to begin with it, repeat the command of the study with {start}"
+            return name
     return ""
+
+
+def begin_with(named: Mapping[str, Experiment], space: KnobSpace, limited: Sequence[KPI]) -> str:
+    """Return that one of some experiments keeps all limits, as `keeps_all`, and how to begin with it."""
+    if not (name := keeps_all(named, space, limited)):
+        return ""
+    if name == FIRST_RUN:  # the same command would begin there again
+        return f"{name}, where the study began, misses none: go back to it, or continue"
+    start = shlex.join(["--start", typed_theta(space, named[name].theta.tolist())])
+    return f"{name} misses none: to begin with it, repeat the command of the study with {start}"
 
 
 def _missed(titles: Sequence[str], limiting: str, keeping: str) -> str:

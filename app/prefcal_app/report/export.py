@@ -16,6 +16,7 @@ import msgspec
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_app.summary import keeps_all
 from prefcal_env.arrays import is_number
 from prefcal_env.controllers import as_data
 from prefcal_env.controllers.forms import ANTI_WINDUP, EQUATIONS, FILTERED, PIDParameter, pid_forms
@@ -134,17 +135,12 @@ def _before(record: StudyRecord) -> dict[str, Any]:
 
 def _keeping(record: StudyRecord) -> dict[str, Any]:
     """Return the first experiment that keeps all limits, if the best one does not and one does."""
-    limited = [kpi for kpi in record.kpis if kpi.met(0.0) is not None]
-    good = (
-        trial
-        for trial in record.trials
-        if not trial.experiment.end.interrupted and all(kpi.met_by(trial.experiment) for kpi in limited)
-    )
-    first = next(good, None)
-    if first is None or all(kpi.met_by(record.result.experiment) for kpi in limited):
+    space, limited = record.scenario.space, [kpi for kpi in record.kpis if kpi.met(0.0) is not None]
+    named = {f"experiment {trial.number}": trial.experiment for trial in record.trials}
+    first = keeps_all(named, space, limited)
+    if not first or all(kpi.met_by(record.result.experiment) for kpi in limited):
         return {}
-    named = record.scenario.space.named(first.experiment.theta)
-    return {"keeping": {"what": f"experiment {first.number}", "theta": named}}
+    return {"keeping": {"what": first, "theta": space.named(named[first].theta)}}
 
 
 def load_controller(path: str | Path, *, check: bool = True) -> Controller:
