@@ -6,8 +6,6 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
-from itertools import chain, repeat
-from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -168,26 +166,30 @@ def _serve(runs: Sequence[NamedRun], options: LookOptions) -> None:
 # --- Run `prefcal verify`: vary the plant of a tuning, say and keep what came of it, ask about the worst.
 
 _VERDICTS = {"y": True, "n": False}
-_BATCHES = ("varied runs", "task as stated, other tunings", "the rest, task as stated")
-"""What a verification runs, in this order, the last two only where some run fails."""
 
 
 @contextmanager
 def _bars() -> Iterator[Progress]:
-    """Yield a function of the number of runs that arrived and of all, with a named bar for each batch."""
+    """Yield a function of the number of runs that arrived and of all, for a bar of them.
+
+    Where some fail, there are more batches, which share a second bar.
+    """
     columns = bar.TextColumn("{task.description}"), bar.BarColumn(), bar.MofNCompleteColumn()
     times = bar.TimeElapsedColumn(), bar.TimeRemainingColumn()
-    names, arrived_before = chain(_BATCHES, repeat("further runs")), inf
     display = bar.Progress(*columns, *times, console=Console(stderr=True, emoji=False))
+    done, batch = 0, (0, 0)  # runs of batches that ended; runs that arrived of this one, and all of it
 
     def tell(arrived: int, total: int | None) -> None:
-        nonlocal arrived_before
+        nonlocal done, batch
         if not display.task_ids:  # not before: an error of the first steps is one line
             display.start()
-        if arrived <= arrived_before:  # another batch has begun
-            display.add_task(next(names))
-        arrived_before = arrived
-        display.update(display.task_ids[-1], completed=arrived, total=total)
+            display.add_task("varied runs")
+        elif arrived <= batch[0]:  # another batch has begun
+            done += batch[1] if len(display.task_ids) > 1 else 0
+            if len(display.task_ids) == 1:
+                display.add_task("task as stated, other tunings")
+        batch = arrived, total or 0
+        display.update(display.task_ids[-1], completed=done + arrived, total=done + batch[1])
 
     try:
         yield tell

@@ -43,7 +43,6 @@ from .loop_margins import USUAL, kept_margin, remaining, usual_margins
 # --- What came of a verification, as frozen data, and what follows from it.
 
 CONFIDENCE = 0.95
-_TRIED = 4  # number of factors that other tunings meet, those that hurt most
 _MUCH = 0.1  # share of the room to a limit from which on a factor is told to use it
 CHANCE = 5  # runs that a relaxed limit must gain: fewer can as well be chance, 1/2 to the power of 5 is 3 %
 RANGE_0 = "its range is 0"
@@ -105,13 +104,11 @@ class Effect:
 
 @dataclass(frozen=True, slots=True)
 class Others:
-    """How other tunings fare, drawn at random from the ranges of the knobs."""
+    """How other tunings fare: some drawn at random, some near the tuning, and the scenario's references."""
 
     count: int  # number of tunings
-    nominal: int  # number of those that do nominally what is asked
-    # number of those that still do with the factor that alone makes the tuning fail, by its name
-    alone: Mapping[str, int]
-    known: tuple[str, ...] = ()  # names of the scenario's references that do nominally what is asked
+    able: int  # number of those that do nominally what is asked
+    best: Robustness | None  # how the best of them fares on the same plants; None without any
 
 
 @dataclass(frozen=True)
@@ -537,11 +534,6 @@ class Verification:
     def lost_by(self) -> tuple[str, ...]:
         """Return the names of the factors by which a limit is lost, as `effects` has them."""
         return tuple(each.factor.name for each in self.effects if np.isinf(each.worsening))
-
-    @property
-    def breaking(self) -> tuple[Effect, ...]:
-        """Return the effects by which a limit is lost, the first few."""
-        return tuple(each for each in self.effects if np.isinf(each.worsening))[:_TRIED]
 
     def worst(self, count: int = 3) -> tuple[VerifiedRun, ...]:
         """Return the worst random runs: those farthest beyond each limit, then by how many they lose."""

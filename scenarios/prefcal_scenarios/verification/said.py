@@ -4,7 +4,6 @@ import json
 import shlex
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,6 @@ from prefcal_env.sources.varied import Factor, LeftOut, Ranges
 from prefcal_scenarios.scenario import KPI, Scenario
 from prefcal_scenarios.wording import (
     comparable,
-    join_words,
     labeled,
     limits_text,
     number,
@@ -31,16 +29,7 @@ from prefcal_scenarios.wording import (
 )
 
 from .loop_margins import has_poor_margins, margins_said
-from .result import (
-    CHANCE,
-    CONFIDENCE,
-    Effect,
-    Robustness,
-    Verification,
-    VerifiedRun,
-    breakable,
-    most_probable,
-)
+from .result import CHANCE, CONFIDENCE, Effect, Robustness, Verification, VerifiedRun, breakable
 
 # --- What a verification leaves beside its best.json, as plain data for people and programs.
 
@@ -269,38 +258,36 @@ def _compare_before(found: Verification, baseline: str) -> str:
     if not old:
         left = baseline and new and found.before is None
         return f" Stopped before the {baseline} ran on these plants." if left else ""
-    held, now = (sum(not run.problems for run in runs[: len(old)]) for runs in (old, new))
+    held, now = (_kept(runs[: len(old)]) for runs in (old, new))
     fewer = f"; after: {now} of these {len(old)}" if len(old) < len(new) else ""
     return f" Before ({baseline}): {held} of {len(old)} of the same plants{fewer}."
-
-
-_ENOUGH = 10  # tunings that hold nominally, of which none that holds on other plants says something of all
 
 
 def _next(found: Verification, scenario: Scenario, baseline: str, robust: bool) -> tuple[str, ...]:
     """Return what to do next if some run fails, or the loop is not stable, a text each."""
     widen = tuple(_widened(found))
-    before = _before(found, scenario, baseline)
+    other = _other(found, scenario, robust)
+    before = _before(found, scenario, baseline, last=not other)
     if found.tuning.margins == UNSTABLE:
         free = any(kpi.name == "M_s" and kpi.met(0.0) is None for kpi in found.kpis)  # of others, none can be
         first = "state a limit on M_s, such as at most 2," if free else "begin elsewhere (--start)"
-        return (*filter(None, [before]), f"look for a stable loop: {first} and repeat the study")
+        stable = other or f"look for a stable loop: {first} and repeat the study"
+        return (*filter(None, [before]), stable)
     if not found.failed:
         return widen
-    relaxed = () if before else found.advice  # where a better tuning is known, no limit has to go
     alone = f"if nothing but {found.stated} counts, verify that alone, with --range task=0"
-    every = (
-        before,
-        *widen,
-        found.limiting,
-        alone if found.holds_as_stated else "",
-        _another(found, scenario, robust, relax=not before) if scenario.simulated else "",
-    )
-    return (*filter(None, every), *relaxed)
+    every = (before, *widen, found.limiting, alone if found.holds_as_stated else "", other)
+    if before or other:  # where a better tuning is known, no limit has to go
+        return tuple(filter(None, every))
+    left = "" if found.holds_as_stated and not robust else _nothing_else(found, scenario, robust)
+    return (*filter(None, (*every, left)), *found.advice)
 
 
-def _before(found: Verification, scenario: Scenario, baseline: str) -> str:
-    """Return that the tuning before is to be kept: it holds in all runs, or in more, beyond chance; or ""."""
+def _before(found: Verification, scenario: Scenario, baseline: str, *, last: bool) -> str:
+    """Return that the tuning before is to be kept: it holds in all runs, or in more, beyond chance; or "".
+
+    If it is the `last` that is known to hold in more, the next study begins with it.
+    """
     if not baseline or found.before is None:
         return ""
     runs, name = found.before.runs, f"the tuning before ({baseline})"
@@ -308,28 +295,25 @@ def _before(found: Verification, scenario: Scenario, baseline: str) -> str:
         holds = f"it holds in all {len(runs)} of the same runs"
         poor = has_poor_margins(found.before.margins)
         return f"look at {name}: {holds}, but its nominal loop {poor}" if poor else f"take {name}: {holds}"
-    if not _better(found):
+    if not _better(found, found.before):
         return ""
-    old, new = (sum(not run.problems for run in each[: len(runs)]) for each in (runs, found.runs))
+    old, new = (_kept(each[: len(runs)]) for each in (runs, found.runs))
     start = shlex.join(["--start", typed_theta(scenario.space, found.before.theta.tolist())])
-    return (
-        f"{name} holds in {old - new} more of the same {len(runs)} runs ({old} instead of {new}): keep it, "
-        f"or start the next study from it, with {start}"
-    )
+    more = f"{name} holds in {old - new} more of the same {len(runs)} runs ({old} instead of {new}): keep it"
+    return f"{more}, or start the next study from it, with {start}" if last else more
 
 
-def _better(found: Verification) -> bool:
-    """Return whether the tuning before holds on more of the same plants, beyond chance.
+def _better(found: Verification, other: Robustness | None) -> bool:
+    """Return whether another tuning holds on more of the same plants, beyond chance.
 
     That is a sign test of the plants on which one holds and the other does not, at 5 %. A tuning that does
-    not keep nominally what the result keeps is none to go back to.
+    not keep nominally what the result keeps is none to go to.
     """
-    if (before := found.before) is None:
+    if other is None or other.margins == UNSTABLE:
         return False
-    other = replace(found, tuning=before)
-    if before.margins == UNSTABLE or (other.sound, found.sound) == (False, True):
+    if found.sound and not replace(found, tuning=other).sound:
         return False
-    kept = [(not a.problems, not b.problems) for a, b in zip(before.runs, found.runs, strict=False)]
+    kept = [(not a.problems, not b.problems) for a, b in zip(other.runs, found.runs, strict=False)]
     gained, lost = kept.count((True, False)), kept.count((False, True))
     return gained > 0 and float(betainc(gained, lost + 1, 0.5)) <= 1 - CONFIDENCE
 
@@ -341,67 +325,60 @@ def _widened(found: Verification) -> Iterator[str]:
         yield f"only a larger range of {name}, or less that varies (--range), helps the plants not counted"
 
 
-def _another(found: Verification, scenario: Scenario, robust: bool, *, relax: bool) -> str:
-    """Return which other tuning to look for, or what else to change, such as a limit; "" if neither helps."""
-    tried = found.others
+def _kept(runs: Sequence[VerifiedRun]) -> int:
+    return sum(not run.problems for run in runs)
+
+
+def _other(found: Verification, scenario: Scenario, robust: bool) -> str:
+    """Return with which tuning to begin the next study, since it holds on more of the plants; or ""."""
+    best, before = found.others.best if found.others else None, found.before
+    if best is None or not _better(found, best) or (before and _kept(before.runs) >= _kept(best.runs)):
+        return ""
+    names = [name for name, theta in scenario.references.items() if np.array_equal(theta, best.theta)]
+    which = f"the tuning {names[0]}" if names else "a tuning that was tried"
+    return (
+        f"{which} holds in {_kept(best.runs)} of the same {len(best.runs)} runs, this one in "
+        f"{_kept(found.runs)}{_nominal_changes(found, best)}. Begin with it: repeat the command of the study "
+        f"with {_started(scenario, best, robust)}"
+    )
+
+
+def _started(scenario: Scenario, tuning: Robustness, robust: bool) -> str:
+    """Return the options of a study that looks for room on other plants, from a tuning on."""
+    start = ["--start", typed_theta(scenario.space, tuning.theta.tolist())]
+    return (
+        f"{shlex.join(start if robust else ['--robust', *start])}; with --taste and the name of a saved "
+        "study, your answers count there"
+    )
+
+
+def _nominal_changes(found: Verification, other: Robustness) -> str:
+    """Return which KPIs another tuning changes nominally, and how, after a semicolon; "" if none."""
+    said = list[str]()
+    for kpi in (kpi for kpi in found.kpis if kpi.goal or kpi.met(0.0) is not None):
+        both = [each.nominal.kpis.get(kpi.name, np.nan) for each in (found.tuning, other)]
+        if np.isnan(both).any():
+            continue
+        here, there = (read_text(kpi, v, found.tuning.time_unit) for v in comparable(kpi, both))
+        said += [f"{kpi.title} {here} → {with_unit(there, kpi.unit)}"] if here != there else []
+    return f"; nominally {', '.join(said[:_SHOWN])}" if said else ""
+
+
+def _nothing_else(found: Verification, scenario: Scenario, robust: bool) -> str:
+    """Return what is left to change, since none of the tunings that were tried holds in more runs."""
+    if (tried := found.others) is None:
+        return ""
     offset = " (it has no integral action)" if found.remaining else ""
     ways = [] if found.limiting else [f"change the controller{offset}"]  # else the input is to blame
-    ways += ["relax the limit"] * (relax and bool(breakable(found.kpis)) and len(found.failed) >= CHANCE)
+    ways += ["relax the limit"] * (bool(breakable(found.kpis)) and len(found.failed) >= CHANCE)
     due = f"{change}: " if (change := " or ".join(ways)) else ""
-    drawn = "" if tried is None else f"{tried.nominal or 'none'} of {tried.count} tunings drawn at random"
-    known = tried is not None and tried.nominal >= _ENOUGH  # of fewer, chance would say it
-    lost = [each.factor for each in found.effects if np.isinf(each.worsening)]
-    stuck = [e for e in found.breaking if known and tried and not tried.alone.get(e.factor.name)]
-    if tried and tried.known and found.tuning.nominal.problems:
-        start = typed_theta(scenario.space, scenario.references[tried.known[0]].tolist())
-        first = (
-            f"begin with {tried.known[0]}, which holds nominally, as this tuning does not: repeat the "
-            f"command of the study with {shlex.join(['--start', start])}"
-        )
-    elif tried and not tried.nominal and found.tuning.nominal.problems:
-        few = np.ceil(100 * most_probable(0, tried.count))
-        first = (
-            f"{due}this tuning does not hold even nominally, and {drawn} does (fewer than {few:.0f} % "
-            f"of the ranges do, with {100 * CONFIDENCE:g} % confidence)"
-        )
-    elif stuck:
-        names = join_words([f"{e.factor.name} ({_range(e.factor)})" for e in stuck])
-        alone = "each alone make" if len(stuck) > 1 else "alone makes"
-        first = f"{due}{names} {alone} this tuning fail, and each of the {drawn} that hold nominally"
-    elif found.holds_as_stated and not robust:  # on other plants, too: robust studies vary nothing else
-        first = ""
-    elif robust and not found.limiting and (varied := [factor.name for factor in lost if factor.robust]):
-        first = (
-            f"the study was robust, but its result fails with {join_words(varied)} alone: continue it, or "
-            f"repeat its command with a larger --simulate{f'; if none holds, {change}' if change else ''}"
-        )
-    elif robust:
-        tighter = "start one with tighter limits, or " if breakable(found.kpis) else ""
-        only = f"the study was robust: it varies the plant and the seed of its noise; {tighter}{change}"
-        first = only if change else ""
-    else:
-        first = _look_robustly(found, scenario, lost, due, f" ({drawn} hold nominally)" if drawn else "")
-    return first
-
-
-def _look_robustly(
-    found: Verification, scenario: Scenario, lost: Sequence[Factor], due: str, drawn: str
-) -> str:
-    """Return that a robust study may help, given what loses limits alone; or what else is `due`.
-
-    Such a study looks for room on other plants. That also helps against what it does not vary, if some of
-    the tunings that were drawn bear that.
-    """
-    first = _elsewhere(found, scenario, drawn)
-    most = [*takewhile(lambda factor: not factor.robust, lost)][:_SHOWN]
-    if not most:
-        return first
-    names = join_words([f"{factor.name}{_name_delay_margin(found, factor)}" for factor in most])
-    breaks = f"{names} alone break{'s' * (len(most) == 1)} this one most"
-    if not (left := found.others.alone.get(most[0].name, 0) if found.others else 0):
-        return f"{due}{breaks}, which no robust study varies"
-    bear = f"{left} of the tunings that hold nominally bear {most[0].name}"
-    return f"{first}; it does not vary all that hurts: {breaks}, but {bear}"
+    if tried.best is None:
+        none = f"none of {tried.count} other tunings that were tried"
+        return f"{due}{none} {'is stable' if tried.able else 'does even nominally what is asked'}"
+    most = f"the best of {tried.count} other tunings that were tried holds in {_kept(tried.best.runs)}"
+    start = _started(scenario, found.tuning, robust)
+    further = f". To look further, repeat the command of the study with {start}"
+    return f"{due}{most} of the same {len(found.runs)} runs, this one in {_kept(found.runs)}{further}"
 
 
 def _name_delay_margin(found: Verification, factor: Factor) -> str:
@@ -414,16 +391,6 @@ def _name_delay_margin(found: Verification, factor: Factor) -> str:
     more = quantity(float(f"{factor.high - factor.nominal:.3g}"), factor.unit)
     words = "it lags by up to" if factor.name == LAG else "it is longer by up to"
     return f" (delay margin {quantity(float(f'{least:.3g}'), found.tuning.time_unit)}, {words} {more})"
-
-
-def _elsewhere(found: Verification, scenario: Scenario, hold: str) -> str:
-    """Return how to look for a tuning that holds on other plants."""
-    best = found.before if found.before and _better(found) else found.tuning
-    start = shlex.join(["--robust", "--start", typed_theta(scenario.space, best.theta.tolist())])
-    return (
-        f"look for one that holds on other plants{hold}: repeat the command of the study with {start}; "
-        "with --taste and the name of a saved study, your answers count there"
-    )
 
 
 def _kpi_row(kpi: KPI, tunings: list[Robustness]) -> tuple[str, ...]:

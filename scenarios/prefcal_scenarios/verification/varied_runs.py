@@ -5,12 +5,14 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.arrays import integer
+from prefcal_env.controllers.margins import UNSTABLE
 from prefcal_env.errors import KnobError, ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import Experiment, check_returned, limiting_input
 from prefcal_env.knobs import Knob, KnobSpace
@@ -124,6 +126,7 @@ RUNS = 299
 RIVALS = 60
 """Other tunings: if none of them holds, less than 5 % of all do, with 95 % confidence. So many runs that fail
 are tried with the task as stated before all are."""
+_AROUND = 20  # other tunings near the one that is verified, or near the best of others
 _TURNED = 10  # random tunings that say whether the nominal plant can do a turned step or load at all
 _HANGS = 3.0  # times the longest other wait, after which a run that is stopped counts as not ended
 _QUICK = 2.0  # seconds of simulation that are not worth starting other processes
@@ -193,7 +196,7 @@ def verify(
     inputs = known.loop.plant.inputs if known.loop else ()
     verified = Verification(found.name, found.kpis, factors, left_out, runs, tunings[0], before, alone)
     verified = replace(verified, unheld=apart, inputs=inputs, seed=seed)
-    return _again(found, known, verified, noise, many) if len(made) == len(cases) else verified
+    return _look_further(_Trials(found, known, verified, many)) if len(made) == len(cases) else verified
 
 
 def _apart(
@@ -216,44 +219,6 @@ def _noted(known: Varied, run: VerifiedRun) -> VerifiedRun:
     with suppress(Exception):  # people's own plants can raise anything where they never are
         return replace(run, unheld=known.unheld(run.values) if known.unheld else None)
     return run
-
-
-def _again(
-    scenario: Scenario, known: Varied, verified: Verification, seed: int, many: "_Many"
-) -> Verification:
-    """Return a verification in which some run fails with what the task as stated does, and other tunings.
-
-    Random runs that failed, the first of them, run again with the task as stated: on the same plants, with
-    the same noise. So who fails there fails at what nobody stated. If all of these hold, the others run
-    there, too. Where the tuning does not even hold nominally, nothing is excused by that.
-    """
-    own, names, nominal = verified.tuning, {f.name for f in verified.unstated}, verified.tuning.nominal
-    if not verified.failed:
-        return verified
-    runs = verified.failed[:RIVALS] if names and not nominal.problems else ()
-    thetas, cases = _rivals(verified, scenario, seed) if scenario.simulated else ([], ())
-    stated = [_stated_case(names, run) for run in runs]
-    # All in one go: to start processes takes as long as many runs.
-    first = [replace(case, which=len(thetas)) for case in stated]
-    done = many(Variations(known.at, [*thetas, own.theta], [*first, *cases], noted=True))
-    made = [_run(scenario, nominal, c, each) for c, each in zip(stated, done, strict=False)]
-    if len(made) < len(stated):  # of some, nothing follows
-        return verified
-    others = _count_rivals(scenario, verified, cases, done[len(stated) :]) if cases else None
-    verified = replace(verified, as_stated=tuple(made), others=others)
-    if len(done) < len(stated) + len(cases) or not made or any(run.problems for run in made):
-        return verified
-    good = [run for run in verified.runs if not run.problems]
-    rest = [_stated_case(names, run) for run in (*verified.failed[RIVALS:], *good)]
-    done = many(Variations(known.at, [own.theta], rest, noted=True))
-    if len(done) == len(rest):
-        made += [_run(scenario, nominal, c, each) for c, each in zip(rest, done, strict=True)]
-    return replace(verified, as_stated=tuple(made))
-
-
-def _stated_case(names: Collection[str], run: VerifiedRun) -> "_Case":
-    """Return a run with what has one of these names as stated."""
-    return _Case(0, {name: v for name, v in run.values.items() if name not in names}, run.seed)
 
 
 def _within(known: tuple[Factor, ...], ranges: Ranges) -> tuple[tuple[Factor, ...], list[LeftOut]]:
@@ -522,29 +487,118 @@ def _run(scenario: Scenario, nominal: VerifiedRun, case: _Case, result: HasKPIs)
     return VerifiedRun(case.values, case.seed, result.end, kpis, problems, limiting)
 
 
-def _rivals(verified: Verification, found: Scenario, seed: int) -> tuple[list[Theta], tuple[_Case, ...]]:
-    """Return other tunings, and runs of each: nominally, and with what alone makes the tuning fail.
+# --- Where some run fails: the task as stated, and other tunings on the same plants.
 
-    They are random ones, then the references of the scenario, which run nominally only.
+
+class _Stopped(Exception):
+    """Ctrl-C ended runs, of which nothing follows then."""
+
+
+@dataclass(frozen=True)
+class _Trials:
+    """Runs on the plants that a tuning met."""
+
+    scenario: Scenario
+    known: Varied
+    verified: Verification
+    many: _Many
+
+    def on(self, tunings: Sequence[Robustness], plants: Sequence[VerifiedRun]) -> list[Robustness]:
+        """Return tunings with their runs on the plants of some runs. Raises _Stopped after Ctrl-C."""
+        cases = [_Case(k, dict(run.values), run.seed) for k in range(len(tunings)) for run in plants]
+        done = self.many(Variations(self.known.at, [t.theta for t in tunings], cases, noted=True))
+        if len(done) < len(cases):
+            raise _Stopped
+        pairs, step = zip(cases, done, strict=True), len(plants)
+        made = [_run(self.scenario, self.verified.tuning.nominal, *pair) for pair in pairs]
+        return [replace(t, runs=tuple(made[k * step : (k + 1) * step])) for k, t in enumerate(tunings)]
+
+    def nominally(self, thetas: Sequence[Theta]) -> list[Robustness]:
+        """Return how tunings, physical, each of shape (n,), do without variation."""
+        nominal = self.verified.tuning.nominal
+        made = self.on([Robustness(theta, nominal, UNKNOWN) for theta in thetas], [nominal])
+        return [replace(t, nominal=t.runs[0], runs=()) for t in made]
+
+    def able(self, tunings: Sequence[Robustness]) -> list[Robustness]:
+        """Return the tunings that do nominally what is asked, the nearest to the verified one first."""
+        kept = [t for t in tunings if not t.nominal.problems]
+        if not self.verified.misses_margin:
+            kept = [t for t in kept if not replace(self.verified, tuning=t).misses_margin]
+        encode = self.scenario.space.encode
+        own = encode(self.verified.tuning.theta)
+        return sorted(kept, key=lambda t: float(np.linalg.norm(encode(t.theta) - own)))
+
+    def best(self, tunings: Sequence[Robustness], plants: int, count: int) -> list[Robustness]:
+        """Return those tunings that keep the limits on most of some plants, the best first.
+
+        Of these plants, half make the verified tuning fail: such tell tunings apart.
+        """
+        good = [run for run in self.verified.runs if not run.problems]
+        telling = [run for pair in zip_longest(self.verified.failed, good) for run in pair if run]
+        made = self.on(tunings, telling[:plants]) if tunings else []
+        return sorted(made, key=lambda t: sum(bool(run.problems) for run in t.runs))[:count]
+
+    def near(self, theta: Theta, spread: float) -> list[Theta]:
+        """Return tunings near a physical θ, shape (n,), with a standard deviation in the unit cube."""
+        space, (lower, upper) = self.scenario.space, self.scenario.space.corners
+        drawn = np.random.default_rng([self.verified.seed, _APART, 1]).standard_normal((_AROUND, len(space)))
+        return self.allowed(np.clip(space.encode(theta) + spread * drawn, lower, upper))
+
+    def allowed(self, z: Float[np.ndarray, "m n"]) -> list[Theta]:
+        """Return the physical tunings of points of the unit cube, those that the constraints allow."""
+        thetas = self.scenario.space.proposals(z)[1]
+        return list(thetas[self.scenario.space.allows(thetas)])
+
+
+def _look_further(trials: _Trials) -> Verification:
+    """Return a verification with what the task as stated and other tunings do, if some run fails."""
+    verified = trials.verified
+    with suppress(_Stopped):
+        verified = replace(verified, as_stated=_as_stated(trials) if verified.failed else ())
+        if verified.failed and trials.scenario.simulated:
+            verified = replace(verified, others=_try_others(trials))
+    return verified
+
+
+def _as_stated(trials: _Trials) -> tuple[VerifiedRun, ...]:
+    """Return random runs again with the task as stated; none where there is nothing to excuse.
+
+    Random runs that failed, the first of them, run on the same plants, with the same noise. So who fails
+    there fails at what nobody stated. If all of these hold, the others run there, too. Where the tuning does
+    not even hold nominally, nothing is excused by that.
     """
-    z = np.random.default_rng([seed, _APART]).random((RIVALS, len(found.space)))
-    thetas = list(found.space.decode_all(z)[found.space.allows(found.space.decode_all(z))])
-    changes = [{}, *(each.run.values for each in verified.breaking)]
-    cases = [_Case(k, dict(values), seed) for k in range(len(thetas)) for values in changes]
-    named = range(len(thetas), len(thetas) + len(found.references))
-    return [*thetas, *found.references.values()], (*cases, *(_Case(k, {}, seed) for k in named))
+    verified, made = trials.verified, list[VerifiedRun]()
+    own, names = verified.tuning, {f.name for f in verified.unstated}
+    if not names or own.nominal.problems:
+        return ()
+    good = [run for run in verified.runs if not run.problems]
+    for runs in (verified.failed[:RIVALS], (*verified.failed[RIVALS:], *good)):
+        plants = [
+            replace(run, values={n: v for n, v in run.values.items() if n not in names}) for run in runs
+        ]
+        made += trials.on([own], plants)[0].runs
+        if any(run.problems for run in made):
+            break
+    return tuple(made)
 
 
-def _count_rivals(
-    scenario: Scenario, verified: Verification, cases: Sequence[_Case], results: Sequence[HasKPIs]
-) -> Others | None:
-    """Return how the tunings of `_rivals` fare in their runs; None if Ctrl-C ended those early."""
-    if len(results) < len(cases):
-        return None
-    pairs, names = zip(cases, results, strict=True), [each.factor.name for each in verified.breaking]
-    kept = [not _run(scenario, verified.tuning.nominal, case, result).problems for case, result in pairs]
-    random = len(kept) - len(scenario.references)
-    good = np.array(kept[:random], dtype=bool).reshape(-1, 1 + len(names))
-    alone = dict(zip(names, good[good[:, 0], 1:].sum(axis=0).tolist(), strict=True))
-    known = tuple(name for name, holds in zip(scenario.references, kept[random:], strict=True) if holds)
-    return Others(len(good), int(good[:, 0].sum()), alone, known)
+def _try_others(trials: _Trials) -> Others:
+    """Return how other tunings fare on the plants that the tuning met.
+
+    Few plants tell most of them from the best: so each round runs fewer tunings on more plants, and one on
+    all of them. Source: Jamieson, Talwalkar (2016), Non-stochastic best arm identification and
+    hyperparameter optimization, AISTATS; successive halving.
+    """
+    own, space = trials.verified.tuning, trials.scenario.space
+    generator = np.random.default_rng([trials.verified.seed, _APART])
+    drawn = trials.allowed(space.scaled(generator.random((RIVALS, len(space)))))
+    named = trials.scenario.references.values()
+    tried = trials.nominally([*drawn, *named, *trials.near(own.theta, 0.15)])
+    left = trials.best(trials.best(trials.able(tried), 6, 8), 24, 3)
+    around = trials.nominally(trials.near(left[0].theta if left else own.theta, 0.08))
+    left += trials.best(trials.best(trials.able(around), 6, 6), 24, 3)
+    stable = ((t, margins_at(trials.known, t.theta)) for t in trials.best(left, RIVALS, len(left)))
+    best = next((replace(t, margins=m) for t, m in stable if m != UNSTABLE), None)
+    able = len(trials.able([*tried, *around]))
+    done = trials.on([best], trials.verified.runs) if best else [None]
+    return Others(len(tried) + len(around), able, done[0])
