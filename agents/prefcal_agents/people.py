@@ -387,11 +387,24 @@ class Utilities:
         """Return `differences` weighted into costs, shape (2k, s, a)."""
         return np.asarray(self.differences(levels, better, worse) * self.weights.T[:, :, None])
 
-    def gain(self, differences: Float[np.ndarray, "c s a"]) -> Float[np.ndarray, "s a"]:
-        """Return how much better one experiment is than another, by all parts together, shape (s, a)."""
-        # In one pass, since a long study has 20 MB of differences, and in the order of the parts.
-        used = self.used
-        return np.asarray(np.einsum("sc,csa->sa", self.weights[:, :used], differences[:used]))
+    def gain(
+        self,
+        differences: Float[np.ndarray, "c s a"],
+        weights: Float[np.ndarray, "s w"] | None = None,
+        rows: Int[np.ndarray, " r"] | None = None,
+    ) -> Float[np.ndarray, "r a"]:
+        """Return how much better one experiment is than another, by all parts together, shape (r, a).
+
+        `weights` are those of these draws, if they are known; `rows` are draws, shape (r,), None for all.
+        """
+        weights = (self.weights if weights is None else weights)[:, : self.used]
+        differences = differences[: self.used]
+        if rows is None:  # in one pass, since a long study has 20 MB of them, and in the order of the parts
+            return np.asarray(np.einsum("sc,csa->sa", weights, differences))
+        found = np.empty((len(rows), differences.shape[2]))
+        for row, own in zip(rows.tolist(), found, strict=True):
+            np.einsum("c,ca->a", weights[row], differences[:, row], out=own)
+        return found
 
     def log_answers(
         self, differences: Float[np.ndarray, "c s a"], tie: Bool[np.ndarray, " a"]
@@ -402,26 +415,7 @@ class Utilities:
             differences: How much better the preferred experiment is, or one of a tie, see `differences`.
             tie: Whether the answer is that they are alike, shape (a,).
         """
-        gain, error = self.gain(differences), self.errors[:, None]
-        # Beyond 4, a difference is noticed for sure, to the last bit: most answers of a long study.
-        close = ~(gain > 4.0)
-        close[:, tie] = True
-        few = 4 * np.count_nonzero(close) <= close.size  # to pick more takes longer than to compute all
-        at = np.nonzero(close) if few else ()
-        own, ties, wrong = (
-            (gain[at], tie[at[1]], self.errors[at[0]]) if few else (gain, (slice(None), tie), error)
-        )
-        explained, even = notice_chance(own), own[ties]
-        explained[ties] = 1.0 - notice_chance(even) - notice_chance(-even)
-        # A mistake is any of the three answers, so that no single one can rule out a draw.
-        explained *= 1.0 - wrong
-        explained += wrong / 3.0
-        np.log(explained, out=explained)
-        if not few:
-            return explained
-        found = np.broadcast_to(np.log(1.0 - error + error / 3.0), gain.shape).copy()
-        found[at] = explained
-        return found
+        return _log_answers(self.gain(differences), tie, self.errors[:, None])
 
     @property
     def parts(self) -> Iterable[int]:
@@ -485,6 +479,29 @@ def _subtract(
     # Only whether a difference is noticed: a large one must not outweigh an earlier KPI.
     found[counted] = np.clip(np.trunc(found[counted]), -1, 1)
     return np.asarray(found)
+
+
+def _log_answers(
+    gain: Float[np.ndarray, "s a"], tie: Bool[np.ndarray, " a"], error: Float[np.ndarray, "s 1"]
+) -> Float[np.ndarray, "s a"]:
+    """Return `Utilities.log_answers` by the gain in each answer and the rates of mistakes."""
+    # Beyond 4, a difference is noticed for sure, to the last bit: most answers of a long study.
+    close = ~(gain > 4.0)
+    close[:, tie] = True
+    few = 4 * np.count_nonzero(close) <= close.size  # to pick more takes longer than to compute all
+    at = np.nonzero(close) if few else ()
+    own, ties, wrong = (gain[at], tie[at[1]], error[at[0], 0]) if few else (gain, (slice(None), tie), error)
+    explained, even = notice_chance(own), own[ties]
+    explained[ties] = 1.0 - notice_chance(even) - notice_chance(-even)
+    # A mistake is any of the three answers, so that no single one can rule out a draw.
+    explained *= 1.0 - wrong
+    explained += wrong / 3.0
+    np.log(explained, out=explained)
+    if not few:
+        return explained
+    found = np.broadcast_to(np.log(1.0 - error + error / 3.0), gain.shape).copy()
+    found[at] = explained
+    return found
 
 
 def notice_chance(gain: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
@@ -679,25 +696,26 @@ class _Told(NamedTuple):
     def change(
         self,
         tried: Utilities,
+        weights: Float[np.ndarray, "s w"],
         rows: Int[np.ndarray, " r"],
         part: Int[np.ndarray, " q"],
         draw: Int[np.ndarray, " q"],
     ) -> tuple[Float[np.ndarray, "r a"], Float[np.ndarray, "q a"]]:
         """Return `Utilities.log_answers` of draws `rows`, and what was changed, shapes (r, a) and (q, a).
 
-        In `apart`, parts `part` of the draws `draw` change.
+        In `apart`, parts `part` of the draws `draw` change. `weights` are those of `tried`.
         """
         (given, apart, _), counted = self, tried.counted[part, draw]
         changed = _subtract(tried.level(given.logs, part, draw), given.better, given.worse, counted)
         before, apart[part, draw] = apart[part, draw], changed
-        if len(rows) == len(tried):
-            return tried.log_answers(apart, given.tie), before
-        # In parts of 2 MB, which stay in the cache: of a long study, those of all rows are 12 MB.
-        found, size = np.empty((len(rows), len(given))), 1 + 2**18 // max(len(given) * len(apart), 1)
+        # All at once where most are wanted; else one by one: to copy theirs takes longer than to add them.
+        gains = tried.gain(apart, weights) if 2 * len(rows) > len(tried) else None
+        # In parts of 200 kB, which stay in the cache: of a long study, those of all rows are 12 MB.
+        found, size = np.empty((len(rows), len(given))), 1 + 2**15 // max(len(given), 1)
         for start in range(0, len(rows), size):
             some = rows[start : start + size]
-            after = apart.take(some, axis=1)
-            found[start : start + size] = tried.take(some).log_answers(after, given.tie)
+            gain = gains[some] if gains is not None else tried.gain(apart, weights, some)
+            found[start : start + size] = _log_answers(gain, given.tie, tried.errors[some, None])
         return found, before
 
 
@@ -727,7 +745,7 @@ def _move(given: Posterior, scale: Scale, rng: np.random.Generator, mistakes: Mi
         left = counts | (likely > least)
         for stage in stages:
             part, draw, rows = part[left[draw]], draw[left[draw]], np.flatnonzero(left & counts)
-            each, before = stage.change(tried, rows, part, draw)
+            each, before = stage.change(tried, after, rows, part, draw)
             most = each @ stage.lessons.strength
             # None of the others is more probable than if explained for sure. The last term covers rounding.
             if stage.others:
