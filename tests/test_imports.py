@@ -49,6 +49,7 @@ LAYERS = {
     "prefcal_agents": (
         {"lessons", "surrogate"},
         {"people", "search"},
+        {"on_plant"},
         {"agent", "learned_cost", "result", "taste"},
         {"glisp"},
         {"screening"},
