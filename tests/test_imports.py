@@ -49,8 +49,7 @@ LAYERS = {
     "prefcal_agents": (
         {"lessons", "surrogate"},
         {"people", "search"},
-        {"on_plant"},
-        {"agent", "learned_cost", "result", "taste"},
+        {"agent", "learned_cost", "on_plant", "result", "taste"},
         {"glisp"},
         {"screening"},
         {"baselines", "minimize", "registry", "transfer"},
