@@ -49,7 +49,7 @@ LAYERS = {
     "prefcal_agents": (
         {"lessons", "surrogate"},
         {"people", "search"},
-        {"agent", "learned_cost", "result", "taste"},
+        {"agent", "learned_cost", "on_plant", "result", "taste"},
         {"glisp"},
         {"screening"},
         {"baselines", "minimize", "registry", "transfer"},

@@ -7,13 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.special import expit, logsumexp, ndtr, softmax
+from scipy.special import expit, logsumexp, ndtr
 
-from prefcal_env.preferences.answer import Preference, Reading
+from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.history import History, KPIValues
 
 from .lessons import Preferences
-from .surrogate import matern, predicted, squares
+from .surrogate import predicted
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -387,11 +387,24 @@ class Utilities:
         """Return `differences` weighted into costs, shape (2k, s, a)."""
         return np.asarray(self.differences(levels, better, worse) * self.weights.T[:, :, None])
 
-    def gain(self, differences: Float[np.ndarray, "c s a"]) -> Float[np.ndarray, "s a"]:
-        """Return how much better one experiment is than another, by all parts together, shape (s, a)."""
-        # In one pass, since a long study has 20 MB of differences, and in the order of the parts.
-        used = self.used
-        return np.asarray(np.einsum("sc,csa->sa", self.weights[:, :used], differences[:used]))
+    def gain(
+        self,
+        differences: Float[np.ndarray, "c s a"],
+        weights: Float[np.ndarray, "s w"] | None = None,
+        rows: Int[np.ndarray, " r"] | None = None,
+    ) -> Float[np.ndarray, "r a"]:
+        """Return how much better one experiment is than another, by all parts together, shape (r, a).
+
+        `weights` are those of these draws, if they are known; `rows` are draws, shape (r,), None for all.
+        """
+        weights = (self.weights if weights is None else weights)[:, : self.used]
+        differences = differences[: self.used]
+        if rows is None:  # in one pass, since a long study has 20 MB of them, and in the order of the parts
+            return np.asarray(np.einsum("sc,csa->sa", weights, differences))
+        found = np.empty((len(rows), differences.shape[2]))
+        for row, own in zip(rows.tolist(), found, strict=True):
+            np.einsum("c,ca->a", weights[row], differences[:, row], out=own)
+        return found
 
     def log_answers(
         self, differences: Float[np.ndarray, "c s a"], tie: Bool[np.ndarray, " a"]
@@ -402,26 +415,7 @@ class Utilities:
             differences: How much better the preferred experiment is, or one of a tie, see `differences`.
             tie: Whether the answer is that they are alike, shape (a,).
         """
-        gain, error = self.gain(differences), self.errors[:, None]
-        # Beyond 4, a difference is noticed for sure, to the last bit: most answers of a long study.
-        close = ~(gain > 4.0)
-        close[:, tie] = True
-        few = 4 * np.count_nonzero(close) <= close.size  # to pick more takes longer than to compute all
-        at = np.nonzero(close) if few else ()
-        own, ties, wrong = (
-            (gain[at], tie[at[1]], self.errors[at[0]]) if few else (gain, (slice(None), tie), error)
-        )
-        explained, even = notice_chance(own), own[ties]
-        explained[ties] = 1.0 - notice_chance(even) - notice_chance(-even)
-        # A mistake is any of the three answers, so that no single one can rule out a draw.
-        explained *= 1.0 - wrong
-        explained += wrong / 3.0
-        np.log(explained, out=explained)
-        if not few:
-            return explained
-        found = np.broadcast_to(np.log(1.0 - error + error / 3.0), gain.shape).copy()
-        found[at] = explained
-        return found
+        return _log_answers(self.gain(differences), tie, self.errors[:, None])
 
     @property
     def parts(self) -> Iterable[int]:
@@ -485,6 +479,29 @@ def _subtract(
     # Only whether a difference is noticed: a large one must not outweigh an earlier KPI.
     found[counted] = np.clip(np.trunc(found[counted]), -1, 1)
     return np.asarray(found)
+
+
+def _log_answers(
+    gain: Float[np.ndarray, "s a"], tie: Bool[np.ndarray, " a"], error: Float[np.ndarray, "s 1"]
+) -> Float[np.ndarray, "s a"]:
+    """Return `Utilities.log_answers` by the gain in each answer and the rates of mistakes."""
+    # Beyond 4, a difference is noticed for sure, to the last bit: most answers of a long study.
+    close = ~(gain > 4.0)
+    close[:, tie] = True
+    few = 4 * np.count_nonzero(close) <= close.size  # to pick more takes longer than to compute all
+    at = np.nonzero(close) if few else ()
+    own, ties, wrong = (gain[at], tie[at[1]], error[at[0], 0]) if few else (gain, (slice(None), tie), error)
+    explained, even = notice_chance(own), own[ties]
+    explained[ties] = 1.0 - notice_chance(even) - notice_chance(-even)
+    # A mistake is any of the three answers, so that no single one can rule out a draw.
+    explained *= 1.0 - wrong
+    explained += wrong / 3.0
+    np.log(explained, out=explained)
+    if not few:
+        return explained
+    found = np.broadcast_to(np.log(1.0 - error + error / 3.0), gain.shape).copy()
+    found[at] = explained
+    return found
 
 
 def notice_chance(gain: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
@@ -679,25 +696,26 @@ class _Told(NamedTuple):
     def change(
         self,
         tried: Utilities,
+        weights: Float[np.ndarray, "s w"],
         rows: Int[np.ndarray, " r"],
         part: Int[np.ndarray, " q"],
         draw: Int[np.ndarray, " q"],
     ) -> tuple[Float[np.ndarray, "r a"], Float[np.ndarray, "q a"]]:
         """Return `Utilities.log_answers` of draws `rows`, and what was changed, shapes (r, a) and (q, a).
 
-        In `apart`, parts `part` of the draws `draw` change.
+        In `apart`, parts `part` of the draws `draw` change. `weights` are those of `tried`.
         """
         (given, apart, _), counted = self, tried.counted[part, draw]
         changed = _subtract(tried.level(given.logs, part, draw), given.better, given.worse, counted)
         before, apart[part, draw] = apart[part, draw], changed
-        if len(rows) == len(tried):
-            return tried.log_answers(apart, given.tie), before
-        # In parts of 2 MB, which stay in the cache: of a long study, those of all rows are 12 MB.
-        found, size = np.empty((len(rows), len(given))), 1 + 2**18 // max(len(given) * len(apart), 1)
+        # All at once where most are wanted; else one by one: to copy theirs takes longer than to add them.
+        gains = tried.gain(apart, weights) if 2 * len(rows) > len(tried) else None
+        # In parts of 200 kB, which stay in the cache: of a long study, those of all rows are 12 MB.
+        found, size = np.empty((len(rows), len(given))), 1 + 2**15 // max(len(given), 1)
         for start in range(0, len(rows), size):
             some = rows[start : start + size]
-            after = apart.take(some, axis=1)
-            found[start : start + size] = tried.take(some).log_answers(after, given.tie)
+            gain = gains[some] if gains is not None else tried.gain(apart, weights, some)
+            found[start : start + size] = _log_answers(gain, given.tie, tried.errors[some, None])
         return found, before
 
 
@@ -727,7 +745,7 @@ def _move(given: Posterior, scale: Scale, rng: np.random.Generator, mistakes: Mi
         left = counts | (likely > least)
         for stage in stages:
             part, draw, rows = part[left[draw]], draw[left[draw]], np.flatnonzero(left & counts)
-            each, before = stage.change(tried, rows, part, draw)
+            each, before = stage.change(tried, after, rows, part, draw)
             most = each @ stage.lessons.strength
             # None of the others is more probable than if explained for sure. The last term covers rounding.
             if stage.others:
@@ -762,200 +780,6 @@ def explains(history: History, given: Posterior) -> bool:
     by_kpis = float(np.sum(np.log(len(logs)) - logsumexp(-logs, axis=0)))
     # By 2 nats: a smaller difference may be chance. The process takes 3 % of the answers for mistakes.
     return bool(predicted(Preferences.of(history), 0.03) <= by_kpis + 2.0)
-
-
-# --- What KPIs may be on the plant, given what was measured, and a simulation if there is one.
-#
-# Each KPI is a Gaussian process over θ, on the scale on which KPIs are judged. A simulation of another
-# plant than the one that runs is a rough model of it, a twin: then the process is the difference between
-# both. How far the twin is trusted follows from the measured values: with some probability, which they
-# decide, a KPI is predicted without the twin.
-
-_TRUST = 0.5  # probability, before anything is measured, that a KPI follows the twin's
-_OFFSET = {True: 0.5, False: 2.0}
-"""Variance of what is the same for all θ, over that of the process: with the twin and without."""
-_NUGGET = 1e-3  # variance of what θ does not explain, such as noise, over that of the process
-_FEATURES = 200  # number of random cosines that a draw of a process is made of
-_INFINITE = 0.5  # logarithm of how much worse than all finite values an infinite one counts
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Measured:
-    """KPIs that were measured on the plant.
-
-    Args:
-        rows: Rows of the bank whose θ have run, shape (r,).
-        kpis: Their KPIs.
-        reading: How people read them.
-    """
-
-    rows: Int[np.ndarray, " r"]
-    kpis: KPIValues
-    reading: Reading
-
-    @classmethod
-    def of(cls, bank: Bank, history: History, reading: Reading) -> "Measured":
-        """Return the KPIs that the answers of `history` tell; none if all read as simulated."""
-        names, values = history.kpis
-        known = ~np.isnan(values).all(axis=1)
-        known[[*history.cut_short]] = False  # their KPIs are bounds
-        rows = bank.rows([history.samples[index].theta for index in np.flatnonzero(known)])
-        found = cls(rows, KPIValues(names, values[known]), reading)
-        # What was stored and read again may differ in the last digit.
-        same = np.isclose(found.on(bank).kpis, bank.kpis, rtol=1e-9, atol=0.0)
-        return cls(rows[:0], KPIValues((), np.zeros((0, 0))), reading) if same.all() else found
-
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    def on(self, bank: Bank) -> Bank:
-        """Return the bank with what was measured in place of what was simulated."""
-        if not len(self):
-            return bank
-        kpis = bank.kpis.copy()
-        for name, values in zip(self.kpis.names, self.kpis.values.T, strict=True):
-            if name in bank.names:
-                column = bank.names.index(name)
-                kpis[self.rows, column] = np.where(np.isnan(values), kpis[self.rows, column], values)
-        kpis[self.rows] = self.reading.table(bank.names, kpis[self.rows])
-        return replace(bank, kpis=kpis)
-
-
-def draw_on_plant(
-    z: Float[np.ndarray, "m n"],
-    simulated: Float[np.ndarray, "m k"] | None,
-    rows: Int[np.ndarray, " r"],
-    measured: Float[np.ndarray, "r k"],
-    draws: int,
-    rng: np.random.Generator,
-) -> Float[np.ndarray, "d m k"]:
-    """Return draws of what each KPI may be on the plant, shape (d, m, k).
-
-    Source: M. C. Kennedy, A. O'Hagan, "Predicting the output from a complex computer code when fast
-    approximations are available" (2000): the plant is the simulation plus a Gaussian process.
-    Deviation: the simulation can be left out. Scales are averaged over analytically.
-
-    Args:
-        z: Points of the cube, shape (m, n).
-        simulated: Log distances of the simulated KPIs, infinite where a KPI is, shape (m, k); None
-            without a simulation.
-        rows: Rows that were measured, shape (r,).
-        measured: Their measured log distances, shape (r, k).
-        draws: Number d of draws.
-        rng: Generator of the draws.
-    """
-    found = np.empty((draws, len(z), measured.shape[1]))
-    trusts = (False,) if simulated is None else (True, False)
-    # Lengths in units of √n: from a fraction of the cube to hardly any change across it.
-    beliefs = [_Belief.of(z, rows, length, twin) for length in (0.3, 0.6, 1.2) for twin in trusts]
-    for kpi, real in enumerate(measured.T):
-        twin = real if simulated is None else simulated[:, kpi]
-        known = np.concatenate([twin, real])
-        known = known[np.isfinite(known)]
-        cap = (known.max() if len(known) else 0.0) + _INFINITE
-        values = _draw_kpi(beliefs, np.minimum(twin, cap), np.minimum(real, cap), rows, draws, rng)
-        # What was measured is exact, whatever its noise: a person judged these values.
-        values[:, rows] = real
-        # Infinite KPIs entered as slightly worse than all others; drawn values nearer to that are infinite
-        # again.
-        found[:, :, kpi] = np.where(values > cap - _INFINITE / 2, np.inf, values)
-    return found
-
-
-def _draw_kpi(
-    beliefs: Sequence["_Belief"],
-    twin: Float[np.ndarray, " t"],
-    real: Float[np.ndarray, " r"],
-    rows: Int[np.ndarray, " r"],
-    draws: int,
-    rng: np.random.Generator,
-) -> Float[np.ndarray, "d m"]:
-    """Return draws of one KPI, each by one of the beliefs, as likely as the values make it.
-
-    `twin` are all simulated values or, without a simulation, the measured ones.
-    """
-    spread, count = float(twin.std()) + 1e-9, len(beliefs[0].outer)
-    bases = [twin if belief.twin else np.full(count, twin.mean()) for belief in beliefs]
-    fits = [belief.fit(real - base[rows], spread) for belief, base in zip(beliefs, bases, strict=True)]
-    # Averaged over beliefs instead of choosing the likeliest: after two or three runs none is sure.
-    chosen = rng.choice(len(beliefs), draws, p=softmax([fit.evidence for fit in fits]))
-    found = np.empty((draws, count))
-    for k in np.unique(chosen):
-        mine = np.flatnonzero(chosen == k)
-        found[mine] = bases[k] + beliefs[k].paths(fits[k], len(mine), rng)
-    return found
-
-
-class _Fit(NamedTuple):
-    """A process given values: log evidence, K⁻¹ times the values, and its variance."""
-
-    evidence: float
-    alpha: Float[np.ndarray, " r"]
-    variance: float
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class _Belief:
-    """A Gaussian process for what is added to the twin, if it is trusted, or for all of a KPI.
-
-    `rows` are the points with values, `inner` is their covariance over the variance of the process,
-    `outer` that of all points with them. Normal combinations of `features` are draws of the process.
-    """
-
-    twin: bool
-    rows: Int[np.ndarray, " r"]
-    inner: Float[np.ndarray, "r r"]
-    outer: Float[np.ndarray, "m r"]
-    features: Float[np.ndarray, "m f"]
-
-    @classmethod
-    def of(
-        cls, z: Float[np.ndarray, "m n"], rows: Int[np.ndarray, " r"], share: float, twin: bool
-    ) -> "_Belief":
-        """Return the process with this length, in units of √n."""
-        knobs = z.shape[1]
-        length = share * np.sqrt(knobs)
-        outer = matern(squares(z, z[rows]) / length**2)[0] + _OFFSET[twin]
-        # Always the same cosines: then draws differ by their weights alone, for all lengths and KPIs.
-        rng = np.random.default_rng(_FEATURES)
-        # The spectrum of the kernel is Student's t distribution with five degrees of freedom.
-        tails = np.sqrt(rng.chisquare(5.0, (_FEATURES, 1)) / 5.0)
-        waves = rng.standard_normal((_FEATURES, knobs)) / tails / length
-        phases = rng.uniform(0.0, 2.0 * np.pi, _FEATURES)
-        cosines = np.sqrt(2.0 / _FEATURES) * np.cos(z @ waves.T + phases)
-        constant = np.full((len(z), 1), np.sqrt(_OFFSET[twin]))
-        return cls(
-            twin, rows, outer[rows] + _NUGGET * np.eye(len(rows)), outer, np.hstack([cosines, constant])
-        )
-
-    def fit(self, values: Float[np.ndarray, " r"], spread: float) -> _Fit:
-        """Fit to what was measured; its variance has an inverse gamma distribution before.
-
-        Args:
-            values: Measured values less the mean of the process, shape (r,).
-            spread: Standard deviation of the KPI over random θ.
-        """
-        # A twin that is trusted is off by 0.3 of what the KPI varies over random θ, before anything is known.
-        prior = (spread * (0.3 if self.twin else 1.0)) ** 2
-        alpha = np.linalg.solve(self.inner, values)
-        # Inverse gamma with shape 1 and scale `prior`: the variance can be integrated out in closed form.
-        half, shape = float(values @ alpha) / 2, 1.0 + len(values) / 2
-        factor = np.linalg.cholesky(self.inner)
-        evidence = np.log(_TRUST if self.twin else 1.0 - _TRUST) - shape * np.log1p(half / prior)
-        evidence -= len(values) / 2 * np.log(prior) + np.log(np.diag(factor)).sum()
-        return _Fit(float(evidence), alpha, (prior + half) / shape)
-
-    def paths(self, fit: _Fit, count: int, rng: np.random.Generator) -> Float[np.ndarray, "c m"]:
-        """Return draws of the process at all points, given the values, shape (c, m).
-
-        Source: J. T. Wilson et al., "Efficiently sampling functions from Gaussian process
-        posteriors" (2020): a draw before the values, plus what they change.
-        """
-        drawn = self.features @ rng.standard_normal((self.features.shape[1], count))
-        noise = np.sqrt(_NUGGET) * rng.standard_normal((len(self.rows), count))
-        changed = self.outer @ np.linalg.solve(self.inner, drawn[self.rows] + noise)
-        paths = np.sqrt(fit.variance) * (drawn - changed) + (self.outer @ fit.alpha)[:, None]
-        return np.asarray(paths.T)
 
 
 # --- What a θ is worth, and what takes the place of the best one.

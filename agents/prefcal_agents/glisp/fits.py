@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 
 from prefcal_agents.agent import Settings, Setup, choice
 from prefcal_agents.lessons import MOST, Preferences, Remembered, Stages, Subset, cube_of, fill_kpis, judged
+from prefcal_agents.on_plant import draw_on_plant
 from prefcal_agents.people import (
     AFTER,
     DRAWS,
@@ -19,7 +20,6 @@ from prefcal_agents.people import (
     Posterior,
     Scale,
     Utilities,
-    draw_on_plant,
     expected_best,
     explains,
 )

@@ -7,6 +7,7 @@ found in this package. `main` prints it as one line.
 import errno
 import logging
 import re
+import signal
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -21,6 +22,9 @@ _DENIED = ["ENAMETOOLONG", "ENOSPC", "EDQUOT", "EACCES", "EPERM", "EROFS", "EIO"
 
 def main() -> None:
     """Run the command line; an error of the caller becomes one line and exit code 2."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        # A script's "&" hands this down: Python then hears no Ctrl-C, which every command says that it heeds.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     says = logging.getLogger("prefcal")
     says.setLevel(logging.INFO)
     says.handlers = [_Said()]

@@ -62,11 +62,14 @@ def test_check_says_that_the_run_takes_too_long(endless):
     assert "the run took longer than 1 s and was ended" in " ".join(out.split())
 
 
+@pytest.mark.parametrize("handed_down", [signal.default_int_handler, signal.SIG_IGN])  # as "&" in a script
 @pytest.mark.parametrize("command", [("calibrate", "--no-browser"), ("check",)])
-def test_a_file_that_never_ends_loading_is_told_and_ctrl_c_ends_it_at_once(tmp_path, command):
+def test_a_file_that_never_ends_loading_is_told_and_ctrl_c_ends_it_at_once(tmp_path, command, handed_down):
     path = tmp_path / "own.py"
     path.write_text("import time\nwhile True:\n    time.sleep(0.01)\n")
+    before = signal.signal(signal.SIGINT, handed_down)
     process = start(tmp_path, *command, f"{path}:plant")
+    signal.signal(signal.SIGINT, before)
     try:
         assert "loading own.py takes a while, it is in own.py:3" in process.stderr.readline()
         process.send_signal(signal.SIGINT)
