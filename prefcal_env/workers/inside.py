@@ -24,8 +24,8 @@ _TIDYING = 1.0  # seconds for the interpreter to end after prefcal ended
 class Kind(Enum):
     """The kind of a message."""
 
-    REQUESTS = "requests"
-    """To the process: what to run, a list of pickled requests; the first message is the work."""
+    WORK = "work"  # to the process: the work of the requests that follow, perhaps another than before
+    REQUESTS = "requests"  # to it: what to run, a list of pickled requests
     READY = "ready"  # from it: the work is loaded
     RESULTS = "results"  # from it: the next pickled results, and the seconds that they took
     ERROR = "error"  # from it: why the work cannot be loaded, or where its code was when it was ended
@@ -83,7 +83,7 @@ def failure(error: BaseException, what: str = "run", *, here: bool = True) -> Ru
 
 
 def main(period: float, tidy: bool) -> None:
-    """Run all requests until the other end closes the pipe; the first message is the work.
+    """Run all requests until the other end closes the pipe.
 
     Args:
         period: Seconds after which results are sent; 0 to send each at once.
@@ -102,29 +102,31 @@ def _interrupt(*_: object) -> None:
 
 
 def _serve(link: "Link", period: float) -> None:
-    if (content := link.requests.get()) is None:
-        return
-    try:
-        make, arguments = pickle.loads(content)
-        link.work = work = make(*arguments)
-    except BaseException as error:
-        link.say(Kind.ERROR, pickle.dumps(failure(error, "its file", here=False)))
-        return
-    link.ready()
-    while (content := link.requests.get()) is not None:
+    while (message := link.messages.get()) is not None:
+        kind, content = message
+        if kind is Kind.WORK:
+            try:
+                make, arguments = pickle.loads(content)
+                link.work = make(*arguments)
+            except BaseException as error:
+                link.say(Kind.ERROR, pickle.dumps(failure(error, "its file", here=False)))
+                return
+            link.ready()
+            continue
         try:
-            _answer(link, work, pickle.loads(content), period)
+            _answer(link, pickle.loads(content), period)
         except Stopped as error:
             link.say(Kind.ERROR, pickle.dumps(own_line(error)))
             return
 
 
-def _answer(link: "Link", work: Work, requests: list[bytes], period: float) -> None:
+def _answer(link: "Link", requests: list[bytes], period: float) -> None:
     """Run requests, and send the results in groups with the seconds that they took."""
+    assert link.work is not None
     results, begun = list[bytes](), time.perf_counter()
     for number, request in enumerate(requests, 1):
         link.running = True
-        results.append(_pickle(work, request))
+        results.append(_pickle(link.work, request))
         link.running = False  # before prefcal hears of it, and may end this process
         now = time.perf_counter()
         if now - begun >= period or number == len(requests):
@@ -153,8 +155,8 @@ class Link:
             Path("/proc/self/oom_score_adj").write_text("1000")
         self.work: Work | None = None
         self.running = False
-        self.requests: SimpleQueue[bytes | None] = SimpleQueue()
-        """Contents of the requests; None when prefcal closes the pipe."""
+        self.messages: SimpleQueue[Message | None] = SimpleQueue()
+        """What arrives; None when prefcal closes the pipe."""
         threading.Thread(target=self._listen, args=(given,), daemon=True).start()
 
     def ready(self) -> None:
@@ -178,8 +180,8 @@ class Link:
         """Pass on requests; end the process soon after prefcal is gone, whatever is running."""
         with suppress(ValueError, OSError):  # the user's code read from the pipe, or closed it
             while (message := receive(given)) is not None:
-                self.requests.put(message[1])
-        self.requests.put(None)
+                self.messages.put(message)
+        self.messages.put(None)
         last_words = getattr(self.work, "last_words", None)
         if self.running and last_words is not None:
             with suppress(OSError):

@@ -59,7 +59,7 @@ class Terms:
 
 @final
 class Process:
-    """A process from its start to its end; `loaded` says whether it can run requests.
+    """A process from its start to its end.
 
     Args:
         work: Pickled function, and its arguments, that return the function of each request.
@@ -82,17 +82,27 @@ class Process:
             start_new_session=os.name == "posix",
             env=os.environ | limited | {MARK: self._mark},
         )
-        self.pid, self.owner, self.loaded = self._process.pid, os.getpid(), False
+        self.pid, self.owner, self.unloaded = self._process.pid, os.getpid(), 0
         self._grace, self._bell = terms.grace, bell
         self._inbox: Queue[Message] = Queue()
         self._silent = self._damaged = False
         self._thread = threading.Thread(target=self._listen, name="worker", daemon=True)
         self._thread.start()
-        self._send(work)
+        self.load(work)
+
+    @property
+    def loaded(self) -> bool:
+        """Return whether it can run requests: it has said so of each work that it was sent."""
+        return not self.unloaded
+
+    def load(self, work: bytes) -> None:
+        """Send the work of the requests that follow, as it was made with; nothing may run."""
+        self.unloaded += 1
+        self._send(Kind.WORK, work)
 
     def ask(self, requests: list[bytes]) -> None:
         """Send pickled requests; `hear` returns the answers."""
-        self._send(pickle.dumps(requests))
+        self._send(Kind.REQUESTS, pickle.dumps(requests))
 
     def hear(self) -> Message | None:
         """Return the next message; None if there is none yet."""
@@ -140,7 +150,7 @@ class Process:
             self.kill()
         self._thread.join(_LAST_WORDS)
         while (message := self.hear()) is not None:
-            self.loaded |= message[0] is Kind.READY  # nobody has heard it yet
+            self.unloaded -= message[0] is Kind.READY  # nobody has heard it yet
             if message[0] is Kind.ERROR and self.loaded:
                 return str(pickle.loads(message[1]))
         return ""
@@ -175,10 +185,10 @@ class Process:
         if self._said is not None:
             self._said.close()
 
-    def _send(self, content: bytes) -> None:
+    def _send(self, kind: Kind, content: bytes) -> None:
         assert self._process.stdin is not None
         with suppress(OSError, ValueError):  # it is gone: `hear` will say so
-            send(self._process.stdin, Kind.REQUESTS, content)
+            send(self._process.stdin, kind, content)
 
     def _listen(self) -> None:
         assert self._process.stdout is not None
@@ -291,6 +301,13 @@ class Worker:
                 period = _PERIOD if self._in_groups else 0.0
                 self._since = time.monotonic()
                 self._process = Process(self._work(), period, self._terms, self._bell)
+
+    def renew(self) -> None:
+        """Load what the function of the work returns now, in the same process; nothing may run."""
+        with self._lock:
+            self._room, self.pace, self._since = 1, np.inf, time.monotonic()
+            if self._process is not None:
+                self._process.load(self._work())
 
     def reserve(self, name: Hashable) -> None:
         """Announce what runs next: from now on `busy_with` says so, and `stop` stops it."""
@@ -435,7 +452,7 @@ class Worker:
             self._end()
             raise pickle.loads(content)
         if kind is Kind.READY:
-            process.loaded, self._unloaded = True, 0
+            process.unloaded, self._unloaded = process.unloaded - 1, 0
             return []
         results, seconds = pickle.loads(content)
         self.pace = seconds / len(results)
@@ -536,11 +553,12 @@ class Pool:
         read: Callable[[Any, Any], Any] = lambda request, result: result,
         unloadable: Callable[[RunError], Exception] = lambda error: error,
     ) -> None:
-        self._work, self._longest, self._gentle = work, longest, terms.gentle
+        self._work, self._longest, self._terms = work, longest, terms
         self._read, self._unloadable = read, unloadable
         self._bell = threading.Event()
         self._content: bytes | None = None
-        self._workers = [Worker(self._packed, longest, terms, self._bell) for _ in range(jobs)]
+        self._workers = self._more(jobs)
+        self._spare = list[Worker]()  # those that a renewed pool leaves idle
         self._requests: dict[int, Any] = {}  # waiting or running
         self._waiting: deque[int] = deque()
         self._seconds: deque[float] = deque(maxlen=100)
@@ -554,7 +572,7 @@ class Pool:
     @property
     def limit(self) -> float:
         """Return the time limit of a request in seconds."""
-        if not self._gentle:
+        if not self._terms.gentle:
             return self._longest
         usual = _UNKNOWN
         if len(self._seconds) >= _KNOWN:
@@ -573,6 +591,16 @@ class Pool:
             if worker.pid is None:
                 worker.limit = self.limit
                 worker.start()
+
+    def renew(self, work: Callable[[], bytes], jobs: int) -> None:
+        """Once all requests are answered, run other work in the same processes, and in new ones if needed."""
+        self._work, self._content, self._count = work, None, 0
+        self._seconds.clear()
+        workers = [*self._workers, *self._spare]
+        workers += self._more(jobs - len(workers))
+        self._workers, self._spare = workers[:jobs], workers[jobs:]
+        for worker in self._workers:
+            worker.renew()
 
     def give(self, requests: Sequence[Any]) -> None:
         """Add requests to those that wait; they are numbered from 0 on."""
@@ -620,11 +648,14 @@ class Pool:
 
     def close(self, *, gently: bool = False) -> None:
         """End all workers, perhaps so that their code can clean up; nothing can run afterwards."""
-        self._closed = True
-        for worker in self._workers if gently else ():  # all end at the same time
+        self._closed, workers = True, [*self._workers, *self._spare]
+        for worker in workers if gently else ():  # all end at the same time
             worker.dismiss()
-        for worker in self._workers:
+        for worker in workers:
             worker.close(gently=gently)
+
+    def _more(self, count: int) -> list[Worker]:
+        return [Worker(self._packed, self._longest, self._terms, self._bell) for _ in range(count)]
 
     def _packed(self) -> bytes:
         if self._content is None:
@@ -650,18 +681,19 @@ class Pool:
 
 
 def run_all(
-    pool: Pool, requests: Iterable[Any], ahead: float = np.inf
+    pool: Pool, requests: Iterable[Any], ahead: float = np.inf, *, keep: bool = False
 ) -> Generator[list[tuple[int, Any]], None, None]:
     """Run all requests, and yield numbers and results as they arrive; then close the pool.
 
     Closing the generator ends what runs.
 
     Args:
-        pool: Pool that has run nothing yet.
+        pool: Pool that has run nothing yet, or nothing since it was renewed.
         requests: Requests, numbered from 0 on; read only as far as needed.
         ahead: Largest number of results that may have arrived before an earlier one.
+        keep: Whether the pool stays open if all requests are answered.
     """
-    source, waiting, given = iter(requests), set[int](), 0
+    source, waiting, given, close = iter(requests), set[int](), 0, True
     try:
         while True:
             allowed = min(pool.room, ahead + min(waiting, default=given) - given)
@@ -674,6 +706,9 @@ def run_all(
             if arrived := pool.collect(patient=True):
                 waiting.difference_update(number for number, _, _ in arrived)
                 yield [(number, result) for number, _, result in arrived]
-        pool.close(gently=True)
+        close = not keep
+        if close:
+            pool.close(gently=True)
     finally:
-        pool.close()
+        if close:
+            pool.close()

@@ -4,6 +4,7 @@ import pickle
 import sys
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence, Sized
 from contextlib import closing, contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.machinery import PathFinder
@@ -346,8 +347,10 @@ class _Unpickler(pickle.Unpickler):
 
     def find_class(self, module: str, name: str) -> Any:
         """Return what `module` calls `name`."""
-        if module in self._files:
-            module_at(Path(self._files.pop(module)))
+        path = self._files.pop(module, None)
+        if path is not None and getattr(sys.modules.get(module), "__file__", None) != path:
+            sys.modules.pop(module, None)  # another file of this name, which an earlier run needed
+            module_at(Path(path))
         return super().find_class(module, name)
 
 
@@ -360,6 +363,56 @@ def _files(content: bytes) -> Iterator[tuple[str, str]]:
         spec = PathFinder.find_spec(name)
         if spec is None or spec.origin is None or Path(spec.origin) != Path(path).absolute():
             yield name, str(Path(path).absolute())
+
+
+# --- Keep processes from one call to the next: to start them takes as long as many runs.
+
+
+class _Kept:
+    """Processes that the next call of `simulate_many` or `simulate_iter` takes."""
+
+    def __init__(self) -> None:
+        self._idle: Pool | None = None
+
+    def take(self, task: RunTask, jobs: int, limit: float, terms: Terms) -> Pool:
+        """Return a pool that runs `task`, in the processes of the last one if they have this time limit."""
+        idle = self._idle
+        if idle is None or idle.limit != limit:
+            return task.pool(jobs, limit, terms)
+        self._idle = None  # who calls meanwhile gets another one
+        try:
+            idle.renew(partial(_packed, task), jobs)
+        except BaseException:  # it cannot be sent, or Ctrl-C
+            idle.close()
+            raise
+        return idle
+
+    def give(self, pool: Pool | None) -> None:
+        """Keep a pool that has run all it was given, and end the one before it."""
+        idle, self._idle = self._idle, pool
+        if idle is not None:
+            idle.close(gently=True)
+
+
+_KEPT: ContextVar[_Kept | None] = ContextVar("_KEPT", default=None)
+
+
+@contextmanager
+def processes_kept() -> Iterator[None]:
+    """Keep the processes of `simulate_many` and `simulate_iter` for later calls within, in this thread.
+
+    Those of a call that fails, is interrupted or is not exhausted end, as they do without.
+    """
+    if _KEPT.get() is not None:
+        yield
+        return
+    kept = _Kept()
+    token = _KEPT.set(kept)
+    try:
+        yield
+    finally:
+        _KEPT.reset(token)
+        kept.give(None)
 
 
 # --- Run many experiments of one scenario on all cores.
@@ -470,8 +523,9 @@ def _results(
                 show(arrived, total)
                 yield result
             return
-        pool, done = task.pool(jobs, limit, Terms(allows="timeout")), dict[int, Result]()
-        with closing(run_all(pool, checked, ahead)) as arriving:
+        kept, terms, done = _KEPT.get(), Terms(allows="timeout"), dict[int, Result]()
+        pool = kept.take(task, jobs, limit, terms) if kept else task.pool(jobs, limit, terms)
+        with closing(run_all(pool, checked, ahead, keep=kept is not None)) as arriving:
             for found in filter(None, arriving):
                 arrived += len(found)
                 show(arrived, total)
@@ -479,6 +533,8 @@ def _results(
                 while taken in done:
                     yield done.pop(taken)
                     taken += 1
+        if kept:
+            kept.give(pool)
 
 
 def _loaded(scenario: Scenario | str) -> Scenario:

@@ -33,7 +33,7 @@ from prefcal_scenarios.described.making import limited
 from prefcal_scenarios.described.steps import marks_of
 from prefcal_scenarios.isolated import DEFAULT_LIMIT
 from prefcal_scenarios.names import is_described
-from prefcal_scenarios.runs import Progress
+from prefcal_scenarios.runs import Progress, processes_kept
 from prefcal_scenarios.scenario import KPI, Picture, Scenario, finds_kpis, with_found_kpis
 from prefcal_scenarios.style import WIDTH, png, style
 from prefcal_scenarios.verification import Verification, verify
@@ -357,6 +357,7 @@ def _renew(path: Path, made: str, verdict: str, required: Required = ()) -> None
 _VERDICTS = {True: "acceptable", False: REFUSED}
 
 
+@processes_kept()
 def verify_best(
     best: Path,
     runs: int | None = None,

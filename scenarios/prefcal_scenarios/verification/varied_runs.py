@@ -21,7 +21,7 @@ from prefcal_env.sources.source import RIG, Source, Varied
 from prefcal_env.sources.varied import UNMODELED, Factor, LeftOut, Ranges, Values, draw, within
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.isolated import DEFAULT_LIMIT
-from prefcal_scenarios.runs import FailedRun, HasKPIs, Progress, simulate_iter, simulate_many
+from prefcal_scenarios.runs import FailedRun, HasKPIs, Progress, processes_kept, simulate_iter, simulate_many
 from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
 
 from .loop_margins import UNKNOWN, margins_at
@@ -132,6 +132,7 @@ _HANGS = 3.0  # times the longest other wait, after which a run that is stopped 
 _QUICK = 2.0  # seconds of simulation that are not worth starting other processes
 
 
+@processes_kept()
 def verify(
     scenario: Scenario | str | Source,
     theta: Float[np.ndarray, " n"],
