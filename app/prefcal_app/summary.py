@@ -400,6 +400,7 @@ def outlook(
     *,
     missed: Sequence[str] = (),
     never: Sequence[str] = (),
+    reached: Sequence[int] = (),
     unstable: bool = False,
     limiting: str = "",
     keeping: str = "",
@@ -415,6 +416,7 @@ def outlook(
         state: State of the study.
         missed: Titles of the KPIs whose objectives the best experiment misses.
         never: Titles of the KPIs that are infinite even in the best experiment.
+        reached: Numbers of the experiments, from 1, in which they all are finite.
         unstable: Whether the loop of the best experiment is not stable.
         limiting: Input whose range limits the best experiment; "" if none does.
         keeping: Words on another θ that misses no objective, of `begin_with`; "" if none is known.
@@ -422,6 +424,9 @@ def outlook(
             returns whether going further is expected to help.
     """
     reach = f"Not even the best experiment has a finite {join_words(never)}." if never else ""
+    if reached and never:
+        others = f"experiment{'s' * (len(reached) > 1)} {join_words([str(k) for k in reached])}"
+        reach = f"The best experiment has no finite {join_words(never)}, while {others} reached that."
     swings = "The loop of the best experiment is not stable." if unstable else ""
     why = " ".join(filter(None, (swings, _missed(missed, limiting, keeping), reach)))
     ends = [

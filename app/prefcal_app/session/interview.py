@@ -1,6 +1,6 @@
 """An agent's questions and a person's answers: what is known, what can be done, and who does it."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
 from dataclasses import replace
 from typing import cast
@@ -157,7 +157,7 @@ class Known:
         space = self._scenario().space
         missed, helps = self.missed, self._helps
         others = (k for k in self._scenario().shown_kpis if k.goal and k.title not in missed and not k.margin)
-        never = [k.title for k in others if np.isinf(best.kpis.get(k.name, 0.0))]
+        never = [k for k in others if np.isinf(best.kpis.get(k.name, 0.0))]
         # What the best misses as it runs; a margin is no matter of the range of an input.
         lacks = any(k.met_by(best) is False for k in self._scenario().shown_kpis if not k.margin)
         found = outlook(
@@ -167,7 +167,8 @@ class Known:
             place,
             state,
             missed=missed,
-            never=never,
+            never=[k.title for k in never],
+            reached=self._reached([k.name for k in never]),
             unstable=self.unstable,
             limiting=limiting_input(best) if lacks else "",
             keeping=self._keeping() if missed else "",
@@ -185,11 +186,21 @@ class Known:
 
     def _keeping(self) -> str:
         """Return which experiment that was answered about, or reference, misses no objective, and its θ."""
-        driver, limited = self._driver, [k for k in self._scenario().shown_kpis if k.met(0.0) is not None]
+        limited = [k for k in self._scenario().shown_kpis if k.met(0.0) is not None]
+        named = {f"experiment {k + 1}": each for k, each in self._answered().items()}
+        return begin_with({**named, **self.references}, self._scenario().space, limited)
+
+    def _answered(self) -> dict[int, Experiment]:
+        """Return the experiments that were answered about, by number."""
+        driver = self._driver
         with driver.changed:
             known = [k for k in list_shown(driver.state) if k < driver.state.history.answered]
-            named = {f"experiment {k + 1}": driver.store.experiment(k) for k in known}
-        return begin_with({**named, **self.references}, self._scenario().space, limited)
+            return {k: driver.store.experiment(k) for k in known}
+
+    def _reached(self, kpis: Sequence[str]) -> list[int]:
+        """Return the numbers of the experiments, from 1, in which all KPIs of these names are finite."""
+        found = self._answered().items() if kpis else ()
+        return [k + 1 for k, each in found if np.isfinite([each.kpis.get(n, np.inf) for n in kpis]).all()]
 
     def _helps(self, knob: int, upper: bool) -> bool:
         """Return whether the model expects that going beyond an end of a knob's range helps."""

@@ -435,7 +435,7 @@ def gain_view(
 def first_rows(rows: Sequence[Mapping[str, Any]]) -> list[int]:
     """Return the rows that are shown before all others: the largest gains, and all that they cost."""
     better, worse = ([k for k, row in enumerate(rows) if row["verdict"] == v] for v in ("better", "worse"))
-    return sorted(better[:3] + worse) or list(range(len(rows)))[:3]
+    return [*better[:3], *worse] or list(range(len(rows)))[:3]
 
 
 def gained(

@@ -249,7 +249,9 @@ class Verification:
             said = f"{holds}{where}{', but a stated margin is missed' if self.misses_margin else ''}: {held}"
         said += f" {self._set_apart}." if self.unheld else ""
         if count and self.never:
-            said += f" Not even the nominal run has a finite {' or '.join(self.never)}."
+            none = f"Not even the nominal run has a finite {' or '.join(self.never)}."
+            # It comes before a count of what all the same end safely, which reads as good news.
+            said = f"{said} {none}" if said.startswith("Does not") else f"{none} {said}"
         said += self._quiet
         usual = "; ".join(self._offer(*each) for each in self.usual)
         usual = f" Usual limits: {usual}." if usual and count else ""
@@ -381,7 +383,8 @@ class Verification:
         if not aims:
             stated = "No limit that a run can break is stated. What counts: a safe end, and nothing"
         own = self.tuning.nominal
-        nominal = f"The nominal run: {self.words(own)}." if own.problems else "The nominal run holds."
+        never = f", though it has no finite {' or '.join(self.never)}" if self.never else ""
+        nominal = f"The nominal run: {self.words(own)}." if own.problems else f"The nominal run holds{never}."
         if self.tuning.margins == UNSTABLE and not own.problems:
             nominal = "The nominal loop is not stable, though its run ended safely."
         return f"{stated} infinite that is finite nominally. {nominal}"

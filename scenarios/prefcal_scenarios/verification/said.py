@@ -166,7 +166,7 @@ class Verified:
             kpis=tuple(_kpi_row(kpi, both) for kpi in found.kpis),
             margins=margins[0],
             basis=margins[1],
-            effects=tuple(_effect(each, found) for each in found.effects),
+            effects=tuple(_effect(each, found) for each in _ordered(found)),
             worst=tuple(_worst(found)),
             varied=tuple((f.name, _range(f), _kind(f, found.idle)) for f in found.factors),
             left_out=(*found.left_out, *found.set_apart),
@@ -412,6 +412,19 @@ def _kind(factor: Factor, idle: Collection[str]) -> str:
     return f"{said}, no effect alone" if factor.name in idle else said
 
 
+def _ordered(found: Verification) -> list[Effect]:
+    """Return the effects as people read them: what more than doubles a KPI is among those shown first.
+
+    Limits that somebody states say nothing of noise that moves a valve ten times as much.
+    """
+    effects, shown = [*found.effects], _SHOWN - 1
+    doubled = [e for e in effects[shown + 1 :] if e.doubled and not np.isinf(e.worsening)]
+    if doubled and len(found.lost_by) <= shown and not any(e.doubled for e in effects[: shown + 1]):
+        effects.remove(doubled[0])
+        effects.insert(shown, doubled[0])
+    return effects
+
+
 def _effect(each: Effect, found: Verification) -> str:
     """Return what a factor does alone: the limits that are lost, or the KPI that gets worst, in its unit."""
     f = each.factor
@@ -425,5 +438,6 @@ def _effect(each: Effect, found: Verification) -> str:
     if kpi is None:
         return f"{name}: no KPI gets worse"
     pair = (found.tuning.nominal.kpis[kpi.name], each.run.kpis[kpi.name])
-    before, after = (read_text(kpi, value, found.tuning.time_unit) for value in comparable(kpi, pair))
+    unit = found.tuning.time_unit
+    before, after = value_text(kpi, pair[0], unit), read_text(kpi, comparable(kpi, pair)[1], unit)
     return f"{name}: {kpi.title} {before} → {with_unit(after, kpi.unit)}"

@@ -113,6 +113,22 @@ def test_at_the_end_it_is_worked_out_for_the_last_answer(chances):
     assert "is 50 %" in interview.known.outlook.promise
 
 
+def test_experiments_in_which_a_kpi_is_finite_are_known_by_number(chances):
+    def settle(theta, seed=0):
+        made = simulated.run(theta, seed=seed)
+        return made.with_kpis({**made.kpis, "ts": np.inf if theta[0] > 0.46 else 2.0})
+
+    kpis = (*simulated.kpis, KPI("ts", "settling time", "s", better="lower"))
+    interview = explained(screening(replace(simulated, run=settle, kpis=kpis), n_max=4))
+    while interview.now().phase is not Phase.OVER:
+        answered(interview, Choice.LEFT)
+    shown = interview.known._answered()
+    finite = [k + 1 for k, each in shown.items() if each.theta[0] <= 0.46]
+    assert interview.known._reached(["ts", "final"]) == finite
+    assert 0 < len(finite) < len(shown)
+    assert interview.known._reached([]) == interview.known._reached(["ts", "unknown"]) == []
+
+
 def test_an_error_leaves_the_question_and_is_not_tried_forever(monkeypatch):
     def broken(agent, known):
         raise ValueError("singular")

@@ -81,6 +81,10 @@ def test_what_no_experiment_reaches_comes_first_too():
     assert found.missed.endswith(" Not even the best experiment has a finite settling time.")
     alone = outlook(PROMISE, np.array(MIDDLE), SPACE, place, STATE, **why)
     assert alone.sentences[0] == "Not even the best experiment has a finite settling time."
+    others = outlook(PROMISE, np.array(MIDDLE), SPACE, place, STATE, reached=[1, 3], **why)
+    assert others.sentences[0] == (
+        "The best experiment has no finite settling time, while experiments 1 and 3 reached that."
+    )
 
 
 @pytest.mark.parametrize("theta", [MIDDLE, [0.25, 20, 1.0, 0.0]])

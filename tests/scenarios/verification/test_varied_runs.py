@@ -312,6 +312,14 @@ def test_what_comes_nearest_to_a_limit_is_said_before_what_changes_most():
     # A mass of 0.9 weighs 2.22: 44 % of the way from 2 to 2.5. The pull more than doubles, but has no limit.
     assert (first.factor.name, first.kpi, first.used) == ("mass", "weight", pytest.approx(0.444, abs=1e-3))
     assert (second.factor.name, second.kpi, second.used, second.doubled) == ("stiffness", "pull", 0.0, True)
+    # Of many that come near a limit, those that are shown leave a place for what doubles a KPI.
+    near = [
+        replace(first, factor=replace(first.factor, name=f"mass {k}"), used=0.4 - k / 100) for k in range(5)
+    ]
+    many = replace(found)
+    many.__dict__["effects"] = (*near, second)
+    shown = Verified.of(many, Scenario("both", "Both", SPACE, Both(), kpis=kpis), "", "1.0", "").hurting
+    assert [each.split(" (")[0] for each in shown] == ["mass 0", "mass 1", "mass 2", "stiffness"]
 
 
 def test_a_tuning_before_that_holds_with_poor_margins_is_not_simply_taken():
@@ -496,8 +504,8 @@ def test_where_no_other_tuning_holds_in_more_runs_another_controller_is_advised(
         Verified.of(found, narrow, "", "1.0", "", robust=True)
         .advice[0]
         .startswith(
-            f"change the controller or relax the limit: the best of 100 other tunings that were tried holds in "
-            f"{most} of the same 100 runs, this one in {held}. To look further, "
+            "change the controller or relax the limit: the best of 100 other tunings that were tried holds "
+            f"in {most} of the same 100 runs, this one in {held}. To look further, "
         )
     )
     never = replace(narrow, kpis=(KPI("weight", "weight", at_most=0.5),))
