@@ -155,11 +155,12 @@ class Posterior:
         places = (rng.random() + np.arange(len(before))) / len(before) * shares[-1]
         rows = np.minimum(np.searchsorted(shares, places), len(before) - 1)
         rows = rng.permutation(rows)
+        logs = logs.take(rows, axis=0)
         both = np.empty((len(apart), *logs.shape))
         for part, added in enumerate(apart):  # of a long study, all at once would be another 50 MB
             both[part, :, :kept] = self.apart[part].take(rows, axis=0)[:, :kept]
             both[part, :, kept:] = added.take(rows, axis=0)
-        return _move(Posterior(before.take(rows), new, both, logs.take(rows, axis=0)), scale, rng, mistakes)
+        return _move(Posterior(before.take(rows), new, both, logs), scale, rng, mistakes)
 
 
 def learn(before: Utilities, lessons: Lessons, scale: Scale, rng: np.random.Generator) -> Utilities:
@@ -274,8 +275,11 @@ def explains(history: History, given: Posterior) -> bool:
     if len(lessons) < AFTER or not any(c.answer.preference for c in lessons):
         return True
     # Those that marks make are no answers.
-    logs = given.logs[:, np.flatnonzero(~given.lessons.tie[: len(lessons)])]
-    # Each answer predicted from the others: the harmonic mean over draws given all answers.
-    by_kpis = float(np.sum(np.log(len(logs)) - logsumexp(-logs, axis=0)))
+    counting = np.flatnonzero(~given.lessons.tie[: len(lessons)])
+    # Each answer predicted from the others: the harmonic mean over draws given all answers. A few answers
+    # at a time: of a long study, all at once would be another 40 MB.
+    parts = np.array_split(counting, len(counting) // 64 + 1)
+    means = np.concatenate([logsumexp(-given.logs[:, part], axis=0) for part in parts])
+    by_kpis = float(np.sum(np.log(len(given.logs)) - means))
     # By 2 nats: a smaller difference may be chance. The process takes 3 % of the answers for mistakes.
     return bool(predicted(Preferences.of(history), 0.03) <= by_kpis + 2.0)
