@@ -47,8 +47,8 @@ LAYERS = {
         {"compiling", "controllers", "worlds"},
     ),
     "prefcal_agents": (
-        {"lessons", "surrogate"},
-        {"people", "search"},
+        {"lessons", "people", "surrogate"},
+        {"posterior", "search"},
         {"agent", "learned_cost", "on_plant", "result", "taste"},
         {"glisp"},
         {"screening"},

@@ -11,7 +11,8 @@ from prefcal_env.knobs import KnobSpace
 from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_env.preferences.history import History
 
-from .people import Bank, Lessons, Scale, Utilities, overtaking, worth
+from .people import Bank, Scale, Utilities, overtaking, worth
+from .posterior import Lessons
 
 # --- Draws of a whole study at once: what other answers would teach, with nothing drawn again.
 #

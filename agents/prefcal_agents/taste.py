@@ -12,7 +12,8 @@ from prefcal_env.errors import PreferenceError
 from prefcal_env.preferences.answer import Outcome, Reading
 from prefcal_env.preferences.history import History, KPIValues
 
-from .people import DRAWS, Bank, Lessons, Scale, Utilities, learn, worth
+from .people import DRAWS, Bank, Scale, Utilities, worth
+from .posterior import Lessons, learn
 
 KPIs = Mapping[str, float]
 """KPIs of an experiment by name, lower is better; infinite means never, NaN or no entry unknown."""
