@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -19,7 +20,7 @@ from prefcal_env import Knob, KnobSpace
 from prefcal_env.errors import KnobError, ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import End
 from prefcal_scenarios import FailedRun, load, simulate_iter, simulate_many
-from prefcal_scenarios.runs import Simulated
+from prefcal_scenarios.runs import Simulated, processes_kept
 from prefcal_scenarios.scenario import with_ranges
 from support import many_runs
 from support.many_runs import SPACE, many
@@ -120,6 +121,56 @@ def test_the_iterator_reads_no_further_than_needed_and_ends_its_processes():
     assert no_workers()
 
 
+def telling(lift):
+    """A scenario whose KPIs are the process that ran it, and the second knob, lifted."""
+
+    def run(theta, seed=0):
+        made = many.run(theta.copy(), seed)
+        return replace(made, kpis={"process": os.getpid(), "lifted": theta[1] + lift})
+
+    return replace(many, kpis=(), run=run)
+
+
+def processes(results):
+    return {result.kpis["process"] for result in results}
+
+
+def test_kept_processes_run_one_scenario_after_the_other():
+    with processes_kept():
+        [first] = simulate_many(telling(1.0), thetas(0), jobs=1, timeout=2.0)
+        more = simulate_many(telling(2.0), thetas(*[many_runs.WAITS] * 3), jobs=2, timeout=2.0)
+        with processes_kept():  # within another, nothing ends
+            [again] = simulate_iter(telling(3.0), thetas(0), jobs=1, timeout=2.0)
+        [without_limit] = simulate_many(telling(4.0), thetas(0), jobs=2)
+    assert processes([first]) == processes([again])
+    assert processes([first]) <= processes(more)
+    assert processes([first]) != processes([without_limit])
+    lifted = [each.kpis["lifted"] for each in (first, *more, again, without_limit)]
+    assert lifted == [1.25, 2.25, 2.25, 2.25, 3.25, 4.25]
+    assert no_workers()
+
+
+def test_whatever_happens_in_kept_processes_later_calls_run():
+    def ran():
+        [found] = simulate_many(telling(0.0), thetas(0), jobs=1, timeout=2.0)
+        return found.kpis["process"]
+
+    with processes_kept():
+        seen = [ran()]
+        wild = simulate_many(many, thetas(many_runs.DIES, many_runs.HANGS, 0), jobs=1, timeout=2.0)
+        assert [getattr(each, "why", "") for each in wild] == ["died", "late", ""]
+        seen.append(ran())
+        ends = simulate_iter(telling(0.0), thetas(0, 0), jobs=1, timeout=2.0)
+        assert next(ends).kpis["process"] == seen[1]
+        assert ran() != seen[1]  # two at once share no process
+        ends.close()
+        with pytest.raises(ScenarioError, match="cannot be sent"):
+            simulate_many(replace(many, run=partial(many_runs.run, threading.Lock())), thetas(0), jobs=2)
+        seen.append(ran())
+    assert len(set(seen)) == 3
+    assert no_workers()
+
+
 def test_progress_tells_how_many_have_arrived(capsys):
     for jobs in (1, 2):
         told = []
@@ -180,15 +231,17 @@ def test_a_file_of_ones_own_is_loaded_in_every_process(tmp_path, monkeypatch):
         assert found.kpis["gain"] == 2.25
 
 
-def test_two_files_of_one_name_do_not_mix(tmp_path):
+@pytest.mark.parametrize("kept", [nullcontext, processes_kept])
+def test_two_files_of_one_name_do_not_mix(tmp_path, kept):
     scenarios = []
     for lift in (1.0, 2.0):
         folder = tmp_path / str(lift)
         folder.mkdir()
         (folder / "own_twin.py").write_text(OWN.replace("from helping import LIFT", f"LIFT = {lift}"))
         scenarios.append(load(f"{folder / 'own_twin.py'}:plant"))
-    found = [simulate_many(scenario, [[0, 0.25]], jobs=2)[0] for scenario in scenarios]
-    assert [result.kpis["gain"] for result in found] == [1.25, 2.25]
+    with kept():
+        found = [simulate_many(each, [[0, 0.25]], jobs=2)[0] for each in [*scenarios, scenarios[0]]]
+    assert [result.kpis["gain"] for result in found] == [1.25, 2.25, 1.25]
 
 
 @pytest.mark.parametrize(
