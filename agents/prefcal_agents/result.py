@@ -11,7 +11,7 @@ from prefcal_env.knobs import KnobSpace
 from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_env.preferences.history import History
 
-from .people import Bank, Scale, Utilities, overtaking, worth
+from .people import DRAWS, Bank, Scale, Utilities, overtaking, worth
 from .posterior import Lessons
 
 # --- Draws of a whole study at once: what other answers would teach, with nothing drawn again.
@@ -78,10 +78,13 @@ class DrawPool:
 
     def log_likelihood(self, history: History) -> Float[np.ndarray, " s"]:
         """Return the logarithm of the probability of all answers of a record, shape (s,)."""
-        given = Lessons.of(self.bank, self.scale, history)
-        apart = self.utilities.differences(self.levels, given.better, given.worse)
-        logs = self.utilities.log_answers(apart, given.tie)
-        return np.asarray(logs @ given.strength)
+        given, found = Lessons.of(self.bank, self.scale, history), np.empty(len(self.utilities))
+        # As many draws at a time as a record has: of a long study, all at once would be another 700 MB.
+        for part in np.split(np.arange(len(found)), range(DRAWS, len(found), DRAWS)):
+            some = self.utilities.take(part)
+            apart = some.differences(self.levels[:, part[0] : part[-1] + 1], given.better, given.worse)
+            found[part] = some.log_answers(apart, given.tie) @ given.strength
+        return found
 
     def weights(self, history: History, power: float = 1.0) -> Float[np.ndarray, " s"]:
         """Return how probable each draw is given a record of these samples, shape (s,), in all 1.
