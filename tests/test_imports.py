@@ -47,9 +47,9 @@ LAYERS = {
         {"compiling", "controllers", "worlds"},
     ),
     "prefcal_agents": (
-        {"lessons", "people", "surrogate"},
-        {"posterior", "search"},
-        {"agent", "learned_cost", "on_plant", "result", "taste"},
+        {"lessons", "surrogate"},
+        {"people", "search"},
+        {"agent", "learned_cost", "result", "taste"},
         {"glisp"},
         {"screening"},
         {"baselines", "minimize", "registry", "transfer"},

@@ -1,14 +1,22 @@
-"""What a person may want from KPIs, how probable it makes an answer, and which θ is worth showing."""
+"""What a person may want from KPIs: how probable it makes an answer, and what answers teach.
+
+A person may judge by something that no KPI measures. Then a model over θ explains the answers better.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.special import expit, ndtr
+from scipy.special import expit, logsumexp, ndtr, softmax
 
+from prefcal_env.preferences.answer import Preference, Reading
 from prefcal_env.preferences.history import History, KPIValues
+
+from .lessons import Preferences
+from .surrogate import matern, predicted, squares
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -370,7 +378,7 @@ class Utilities:
         """
         found, counted = np.zeros((*levels.shape[:2], len(better))), self.counted
         for part in self.parts:  # by the others nothing differs
-            found[part] = subtract(levels[part], better, worse, counted[part])
+            found[part] = _subtract(levels[part], better, worse, counted[part])
         return found
 
     @property
@@ -405,15 +413,38 @@ class Utilities:
         return found
 
     def log_answers(
-        self, differences: Float[np.ndarray, "c s a"], tie: Bool[np.ndarray, " a"]
-    ) -> Float[np.ndarray, "s a"]:
-        """Return the logarithm of the probability of each answer by each draw, shape (s, a).
+        self,
+        gain: Float[np.ndarray, "r a"],
+        tie: Bool[np.ndarray, " a"],
+        rows: Int[np.ndarray, " r"] | slice = slice(None),
+    ) -> Float[np.ndarray, "r a"]:
+        """Return the logarithm of the probability of each answer by each draw, shape (r, a).
 
         Args:
-            differences: How much better the preferred experiment is, or one of a tie, see `differences`.
+            gain: How much better the preferred experiment is, or one of a tie, see `gain`.
             tie: Whether the answer is that they are alike, shape (a,).
+            rows: Draws that `gain` is of, shape (r,); all by default.
         """
-        return log_answers(self.gain(differences), tie, self.errors[:, None])
+        error = self.errors[rows, None]
+        # Beyond 4, a difference is noticed for sure, to the last bit: most answers of a long study.
+        close = ~(gain > 4.0)
+        close[:, tie] = True
+        few = 4 * np.count_nonzero(close) <= close.size  # to pick more takes longer than to compute all
+        at = np.nonzero(close) if few else ()
+        own, ties, wrong = (
+            (gain[at], tie[at[1]], error[at[0], 0]) if few else (gain, (slice(None), tie), error)
+        )
+        explained, even = notice_chance(own), own[ties]
+        explained[ties] = 1.0 - notice_chance(even) - notice_chance(-even)
+        # A mistake is any of the three answers, so that no single one can rule out a draw.
+        explained *= 1.0 - wrong
+        explained += wrong / 3.0
+        np.log(explained, out=explained)
+        if not few:
+            return explained
+        found = np.broadcast_to(np.log(1.0 - error + error / 3.0), gain.shape).copy()
+        found[at] = explained
+        return found
 
     @property
     def parts(self) -> Iterable[int]:
@@ -465,7 +496,7 @@ class Utilities:
         return replace(self, normals=np.where(weight, step, self.normals), **changed)
 
 
-def subtract(
+def _subtract(
     levels: Float[np.ndarray, "*parts p"],
     better: Int[np.ndarray, " a"],
     worse: Int[np.ndarray, " a"],
@@ -477,29 +508,6 @@ def subtract(
     # Only whether a difference is noticed: a large one must not outweigh an earlier KPI.
     found[counted] = np.clip(np.trunc(found[counted]), -1, 1)
     return np.asarray(found)
-
-
-def log_answers(
-    gain: Float[np.ndarray, "s a"], tie: Bool[np.ndarray, " a"], error: Float[np.ndarray, "s 1"]
-) -> Float[np.ndarray, "s a"]:
-    """Return `Utilities.log_answers` by the gain in each answer and the rates of mistakes."""
-    # Beyond 4, a difference is noticed for sure, to the last bit: most answers of a long study.
-    close = ~(gain > 4.0)
-    close[:, tie] = True
-    few = 4 * np.count_nonzero(close) <= close.size  # to pick more takes longer than to compute all
-    at = np.nonzero(close) if few else ()
-    own, ties, wrong = (gain[at], tie[at[1]], error[at[0], 0]) if few else (gain, (slice(None), tie), error)
-    explained, even = notice_chance(own), own[ties]
-    explained[ties] = 1.0 - notice_chance(even) - notice_chance(-even)
-    # A mistake is any of the three answers, so that no single one can rule out a draw.
-    explained *= 1.0 - wrong
-    explained += wrong / 3.0
-    np.log(explained, out=explained)
-    if not few:
-        return explained
-    found = np.broadcast_to(np.log(1.0 - error + error / 3.0), gain.shape).copy()
-    found[at] = explained
-    return found
 
 
 def notice_chance(gain: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
@@ -570,3 +578,467 @@ def overtaking(better: Float[np.ndarray, " n"], loose: float, history: History) 
     # An unsafe run never leads, and the KPIs of one that was cut short are bounds, not values.
     found[[*history.unsafe, *history.cut_short]] = 0.0
     return found
+
+
+# --- Learn from answers: draw costs by how well they explain them, and ask whether they do.
+
+AFTER = 10
+"""Number of answers before KPIs can be left; fewer say too little."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Lessons:
+    """Answers as arrays, about experiments given by their log distances.
+
+    Args:
+        logs: Log distances of the shown experiments, shape (p, k).
+        better: Row of one experiment of each answer, the preferred one unless it is a tie, (a,).
+        worse: Row of the other one, shape (a,).
+        tie: Whether they are alike, shape (a,).
+        strength: Weight c_h of each answer as in eq. QP-pref, shape (a,).
+    """
+
+    logs: Float[np.ndarray, "p k"]
+    better: Int[np.ndarray, " a"]
+    worse: Int[np.ndarray, " a"]
+    tie: Bool[np.ndarray, " a"]
+    strength: Float[np.ndarray, " a"]
+
+    @classmethod
+    def of(cls, bank: Bank, scale: Scale, history: History) -> "Lessons":
+        """Return the answers of `history`.
+
+        An unsafe experiment is worse than all others that a person looked at.
+        """
+        rows = bank.rows([sample.theta for sample in history.samples[: history.answered]])
+        given: list[tuple[int, int | None, Preference | None, float]] = [
+            (c.challenger, c.incumbent, c.answer.preference, c.answer.strength) for c in history.lessons
+        ]
+        unsafe = history.unsafe
+        seen = {i for c in history.counting if c.incumbent is not None for i in (c.challenger, c.incumbent)}
+        given += [(i, j, Preference.CHALLENGER, 1.0) for j in sorted(unsafe) for i in sorted(seen - unsafe)]
+        turned = [(b, a) if p is Preference.INCUMBENT else (a, b) for a, b, p, _ in given]
+        pairs = np.array(turned, dtype=np.int64).reshape(-1, 2)
+        return cls(
+            scale(bank, rows),
+            pairs[:, 0],
+            pairs[:, 1],
+            np.array([p is Preference.TIE for _, _, p, _ in given], dtype=np.bool_),
+            np.array([strength for *_, strength in given], dtype=float),
+        )
+
+    def __len__(self) -> int:
+        return len(self.tie)
+
+    def join(self, others: "Lessons") -> "Lessons":
+        """Return these answers, then `others`, which are about other experiments."""
+        if not len(others):
+            return self
+        return Lessons(
+            np.vstack([self.logs, others.logs]),
+            np.append(self.better, others.better + len(self.logs)),
+            np.append(self.worse, others.worse + len(self.logs)),
+            np.append(self.tie, others.tie),
+            np.append(self.strength, others.strength),
+        )
+
+    def shared(self, others: "Lessons") -> int:
+        """Return how many answers are those of `others`, from the first one on."""
+        count = min(len(self), len(others))
+        same = self.tie[:count] == others.tie[:count]
+        for ours, theirs in ((self.better, others.better), (self.worse, others.worse)):
+            same &= (self.logs[ours[:count]] == others.logs[theirs[:count]]).all(axis=1)
+        return int(np.argmin(np.append(same, False)))
+
+    def first(self, count: int) -> "Lessons":
+        """Return the first `count` answers, about the same experiments."""
+        return Lessons(
+            self.logs, self.better[:count], self.worse[:count], self.tie[:count], self.strength[:count]
+        )
+
+    def take(self, answers: Int[np.ndarray, " b"]) -> "Lessons":
+        """Return some answers, about the experiments that they name."""
+        pair = np.append(self.better[answers], self.worse[answers])
+        shown, rows = np.unique(pair, return_inverse=True)
+        better, worse = np.split(rows, 2)
+        return Lessons(self.logs[shown], better, worse, self.tie[answers], self.strength[answers])
+
+    def differences(self, utilities: Utilities) -> Float[np.ndarray, "c s a"]:
+        """Return how much better one experiment of each answer is, by the parts that are used.
+
+        See `Utilities.differences`.
+        """
+        found, counted = np.zeros((utilities.used, len(utilities), len(self))), utilities.counted
+        for part in utilities.parts:  # of a long study, all levels at once would be another 70 MB
+            level = utilities.level(self.logs, part)
+            found[part] = _subtract(level, self.better, self.worse, counted[part])
+        return found
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Posterior:
+    """Draws given answers, and what each of them says of each answer.
+
+    Args:
+        utilities: s draws.
+        lessons: The answers.
+        apart: How much better one experiment of each answer is, see `Utilities.differences`, (c, s, a).
+        logs: Logarithm of the probability of each answer, see `Utilities.log_answers`, shape (s, a).
+    """
+
+    utilities: Utilities
+    lessons: Lessons
+    apart: Float[np.ndarray, "c s a"]
+    logs: Float[np.ndarray, "s a"]
+
+    @classmethod
+    def of(cls, utilities: Utilities, lessons: Lessons) -> "Posterior":
+        """Return what draws, which are given the answers already, say of them."""
+        apart = lessons.differences(utilities)
+        return cls(utilities, lessons, apart, utilities.log_answers(utilities.gain(apart), lessons.tie))
+
+    def update(
+        self, new: Lessons, scale: Scale, rng: np.random.Generator, mistakes: Mistakes = REAL
+    ) -> "Posterior":
+        """Return draws given the answers `new` instead. Those that both begin with are not worked out again.
+
+        Source: N. Chopin, "A sequential particle filter method for static models" (2002): draws are
+        repeated by how well they explain the new answers, then moved by Metropolis steps.
+        Deviation: proposals draw from the distribution before any answer, so that the likelihood alone
+        decides.
+        """
+        before, kept = self.utilities, new.shared(self.lessons)
+        fresh = new.take(np.arange(kept, len(new)))
+        apart = fresh.differences(before)
+        logs = np.hstack([self.logs[:, :kept], before.log_answers(before.gain(apart), fresh.tie)])
+        # Only the ratio: the draws already follow the old answers, which may change, too, when one is
+        # retracted.
+        gained = logs @ new.strength - self.logs @ self.lessons.strength
+        shares = np.cumsum(np.exp(gained - gained.max()))
+        # Systematic: one random number for all, so that a draw is repeated as often as it should be, to
+        # within one.
+        places = (rng.random() + np.arange(len(before))) / len(before) * shares[-1]
+        rows = np.minimum(np.searchsorted(shares, places), len(before) - 1)
+        rows = rng.permutation(rows)
+        logs = logs.take(rows, axis=0)
+        both = np.empty((len(apart), *logs.shape))
+        for part, added in enumerate(apart):  # of a long study, all at once would be another 50 MB
+            both[part, :, :kept] = self.apart[part].take(rows, axis=0)[:, :kept]
+            both[part, :, kept:] = added.take(rows, axis=0)
+        return _move(Posterior(before.take(rows), new, both, logs), scale, rng, mistakes)
+
+
+def learn(before: Utilities, lessons: Lessons, scale: Scale, rng: np.random.Generator) -> Utilities:
+    """Return draws given all answers of `lessons`, one after the other."""
+    given = Posterior.of(before, lessons.first(0))
+    for count in range(len(lessons)):
+        given = given.update(lessons.first(count + 1), scale, rng)
+    return given.utilities
+
+
+_TELLING = 64
+"""Number of answers that are looked at first: those that are explained worst refuse nearly all steps that all
+answers together refuse."""
+
+
+class _Told(NamedTuple):
+    """Answers, and how much better one experiment of each is by each draw, which steps change in place.
+
+    `apart` is what `Utilities.differences` returns, `others` the strength of the answers left out.
+    """
+
+    lessons: Lessons
+    apart: Float[np.ndarray, "c s a"]
+    others: float = 0.0
+
+    def worst(self, logs: Float[np.ndarray, "s a"]) -> "_Told":
+        """Return the answers that are explained worst, by what `Utilities.log_answers` returned."""
+        rows = np.argsort(logs.sum(axis=0) * self.lessons.strength, kind="stable")[:_TELLING]
+        few = self.lessons.take(rows)
+        others = float(self.lessons.strength.sum() - few.strength.sum())
+        return _Told(few, self.apart.take(rows, axis=2), others)
+
+    def change(
+        self,
+        tried: Utilities,
+        weights: Float[np.ndarray, "s w"],
+        rows: Int[np.ndarray, " r"],
+        part: Int[np.ndarray, " q"],
+        draw: Int[np.ndarray, " q"],
+    ) -> tuple[Float[np.ndarray, "r a"], Float[np.ndarray, "q a"]]:
+        """Return `Utilities.log_answers` of draws `rows`, and what was changed, shapes (r, a) and (q, a).
+
+        In `apart`, parts `part` of the draws `draw` change. `weights` are those of `tried`.
+        """
+        (given, apart, _), counted = self, tried.counted[part, draw]
+        changed = _subtract(tried.level(given.logs, part, draw), given.better, given.worse, counted)
+        before, apart[part, draw] = apart[part, draw], changed
+        # All at once where most are wanted; else one by one: to copy theirs takes longer than to add them.
+        gains = tried.gain(apart, weights) if 2 * len(rows) > len(tried) else None
+        # In parts of 200 kB, which stay in the cache: of a long study, those of all rows are 12 MB.
+        found, size = np.empty((len(rows), len(given))), 1 + 2**15 // max(len(given), 1)
+        for start in range(0, len(rows), size):
+            some = rows[start : start + size]
+            gain = gains[some] if gains is not None else tried.gain(apart, weights, some)
+            found[start : start + size] = tried.log_answers(gain, given.tie, some)
+        return found, before
+
+
+def _move(given: Posterior, scale: Scale, rng: np.random.Generator, mistakes: Mistakes) -> Posterior:
+    """Return the draws after Metropolis steps. Only what a step changes is computed again, in `given`.
+
+    Of a long study, a step that a few answers refuse meets no other.
+    """
+    utilities, logs, told = given.utilities, given.logs, _Told(given.lessons, given.apart)
+    count, k = utilities.normals.shape
+    stages = [told.worst(logs), told] if len(told.lessons) > 2 * _TELLING else [told]
+    likely, weights = logs @ told.lessons.strength, utilities.weights
+    for _ in range(24):  # 40 brought nothing more: docs/research/screening.md
+        # Orders stay orders here: the share of both kinds changes by repetition alone.
+        new = Utilities.draw(scale, count, rng, utilities.ordered > 0, mistakes)
+        tried = utilities.mutate(new, rng)
+        # A new shape always has a new just noticeable difference, so this finds the KPIs whose levels change.
+        draw, kpi = np.nonzero(tried.steps != utilities.steps)
+        stated = np.isfinite(tried.limits[draw, kpi])
+        draw, part = np.append(draw, draw[stated]), np.append(kpi, kpi[stated] + k)
+        # Many steps change nothing that counts, such as the shape of a KPI that an order leaves out.
+        after = tried.weights
+        counts = (after != weights).any(axis=1) | (tried.errors != utilities.errors)
+        counts[draw[after[draw, part] != 0.0]] = True
+        # Proposals follow the prior, and weights a step that keeps it, so prior and proposal cancel.
+        least, found = np.log(rng.random(count)) + likely, []
+        left = counts | (likely > least)
+        for stage in stages:
+            part, draw, rows = part[left[draw]], draw[left[draw]], np.flatnonzero(left & counts)
+            each, before = stage.change(tried, after, rows, part, draw)
+            most = each @ stage.lessons.strength
+            # None of the others is more probable than if explained for sure. The last term covers rounding.
+            if stage.others:
+                most += stage.others * np.log1p(-tried.errors[rows] * 2.0 / 3.0) + 1e-6
+            found.append((stage.apart, part, draw, before))
+            left[rows] = most > least[rows]
+        kept = left[rows]
+        likely[rows[kept]], logs[rows[kept]], weights[left] = most[kept], each[kept], after[left]
+        for apart, part, draw, before in found:
+            refused = ~left[draw]
+            apart[part[refused], draw[refused]] = before[refused]
+        utilities = utilities.where(left, tried)
+    return replace(given, utilities=utilities)
+
+
+def explains(history: History, given: Posterior) -> bool:
+    """Return whether KPIs predict the answers about as well as θ does, or too few are known.
+
+    Source: A. E. Gelfand, D. K. Dey, H. Chang, "Model determination using predictive
+    distributions" (1992).
+
+    Args:
+        history: Samples and answers.
+        given: Draws of what the person wants, given these answers first.
+    """
+    lessons = history.lessons
+    if len(lessons) < AFTER or not any(c.answer.preference for c in lessons):
+        return True
+    # Those that marks make are no answers.
+    counting = np.flatnonzero(~given.lessons.tie[: len(lessons)])
+    # Each answer predicted from the others: the harmonic mean over draws given all answers. A few answers
+    # at a time: of a long study, all at once would be another 40 MB.
+    parts = np.array_split(counting, len(counting) // 64 + 1)
+    means = np.concatenate([logsumexp(-given.logs[:, part], axis=0) for part in parts])
+    by_kpis = float(np.sum(np.log(len(given.logs)) - means))
+    # By 2 nats: a smaller difference may be chance. The process takes 3 % of the answers for mistakes.
+    return bool(predicted(Preferences.of(history), 0.03) <= by_kpis + 2.0)
+
+
+# --- What KPIs may be on the plant, given what was measured, and a simulation if there is one.
+
+# Each KPI is a Gaussian process over θ, on the scale on which KPIs are judged. A simulation of another
+# plant than the one that runs is a rough model of it, a twin: then the process is the difference between
+# both. How far the twin is trusted follows from the measured values: with some probability, which they
+# decide, a KPI is predicted without the twin.
+
+_TRUST = 0.5  # probability, before anything is measured, that a KPI follows the twin's
+_OFFSET = {True: 0.5, False: 2.0}
+"""Variance of what is the same for all θ, over that of the process: with the twin and without."""
+_NUGGET = 1e-3  # variance of what θ does not explain, such as noise, over that of the process
+_FEATURES = 200  # number of random cosines that a draw of a process is made of
+_INFINITE = 0.5  # logarithm of how much worse than all finite values an infinite one counts
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Measured:
+    """KPIs that were measured on the plant.
+
+    Args:
+        rows: Rows of the bank whose θ have run, shape (r,).
+        kpis: Their KPIs.
+        reading: How people read them.
+    """
+
+    rows: Int[np.ndarray, " r"]
+    kpis: KPIValues
+    reading: Reading
+
+    @classmethod
+    def of(cls, bank: Bank, history: History, reading: Reading) -> "Measured":
+        """Return the KPIs that the answers of `history` tell; none if all read as simulated."""
+        names, values = history.kpis
+        known = ~np.isnan(values).all(axis=1)
+        known[[*history.cut_short]] = False  # their KPIs are bounds
+        rows = bank.rows([history.samples[index].theta for index in np.flatnonzero(known)])
+        found = cls(rows, KPIValues(names, values[known]), reading)
+        # What was stored and read again may differ in the last digit.
+        same = np.isclose(found.on(bank).kpis, bank.kpis, rtol=1e-9, atol=0.0)
+        return cls(rows[:0], KPIValues((), np.zeros((0, 0))), reading) if same.all() else found
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def on(self, bank: Bank) -> Bank:
+        """Return the bank with what was measured in place of what was simulated."""
+        if not len(self):
+            return bank
+        kpis = bank.kpis.copy()
+        for name, values in zip(self.kpis.names, self.kpis.values.T, strict=True):
+            if name in bank.names:
+                column = bank.names.index(name)
+                kpis[self.rows, column] = np.where(np.isnan(values), kpis[self.rows, column], values)
+        kpis[self.rows] = self.reading.table(bank.names, kpis[self.rows])
+        return replace(bank, kpis=kpis)
+
+
+def draw_on_plant(
+    z: Float[np.ndarray, "m n"],
+    simulated: Float[np.ndarray, "m k"] | None,
+    rows: Int[np.ndarray, " r"],
+    measured: Float[np.ndarray, "r k"],
+    draws: int,
+    rng: np.random.Generator,
+) -> Float[np.ndarray, "d m k"]:
+    """Return draws of what each KPI may be on the plant, shape (d, m, k).
+
+    Source: M. C. Kennedy, A. O'Hagan, "Predicting the output from a complex computer code when fast
+    approximations are available" (2000): the plant is the simulation plus a Gaussian process.
+    Deviation: the simulation can be left out. Scales are averaged over analytically.
+
+    Args:
+        z: Points of the cube, shape (m, n).
+        simulated: Log distances of the simulated KPIs, infinite where a KPI is, shape (m, k); None
+            without a simulation.
+        rows: Rows that were measured, shape (r,).
+        measured: Their measured log distances, shape (r, k).
+        draws: Number d of draws.
+        rng: Generator of the draws.
+    """
+    found = np.empty((draws, len(z), measured.shape[1]))
+    trusts = (False,) if simulated is None else (True, False)
+    # Lengths in units of √n: from a fraction of the cube to hardly any change across it.
+    beliefs = [_Belief.of(z, rows, length, twin) for length in (0.3, 0.6, 1.2) for twin in trusts]
+    for kpi, real in enumerate(measured.T):
+        twin = real if simulated is None else simulated[:, kpi]
+        known = np.concatenate([twin, real])
+        known = known[np.isfinite(known)]
+        cap = (known.max() if len(known) else 0.0) + _INFINITE
+        values = _draw_kpi(beliefs, np.minimum(twin, cap), np.minimum(real, cap), rows, draws, rng)
+        # What was measured is exact, whatever its noise: a person judged these values.
+        values[:, rows] = real
+        # Infinite KPIs entered as slightly worse than all others; drawn values nearer to that are infinite
+        # again.
+        found[:, :, kpi] = np.where(values > cap - _INFINITE / 2, np.inf, values)
+    return found
+
+
+def _draw_kpi(
+    beliefs: Sequence["_Belief"],
+    twin: Float[np.ndarray, " t"],
+    real: Float[np.ndarray, " r"],
+    rows: Int[np.ndarray, " r"],
+    draws: int,
+    rng: np.random.Generator,
+) -> Float[np.ndarray, "d m"]:
+    """Return draws of one KPI, each by one of the beliefs, as likely as the values make it.
+
+    `twin` are all simulated values or, without a simulation, the measured ones.
+    """
+    spread, count = float(twin.std()) + 1e-9, len(beliefs[0].outer)
+    bases = [twin if belief.twin else np.full(count, twin.mean()) for belief in beliefs]
+    fits = [belief.fit(real - base[rows], spread) for belief, base in zip(beliefs, bases, strict=True)]
+    # Averaged over beliefs instead of choosing the likeliest: after two or three runs none is sure.
+    chosen = rng.choice(len(beliefs), draws, p=softmax([fit.evidence for fit in fits]))
+    found = np.empty((draws, count))
+    for k in np.unique(chosen):
+        mine = np.flatnonzero(chosen == k)
+        found[mine] = bases[k] + beliefs[k].paths(fits[k], len(mine), rng)
+    return found
+
+
+class _Fit(NamedTuple):
+    """A process given values: log evidence, K⁻¹ times the values, and its variance."""
+
+    evidence: float
+    alpha: Float[np.ndarray, " r"]
+    variance: float
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Belief:
+    """A Gaussian process for what is added to the twin, if it is trusted, or for all of a KPI.
+
+    `rows` are the points with values, `inner` is their covariance over the variance of the process,
+    `outer` that of all points with them. Normal combinations of `features` are draws of the process.
+    """
+
+    twin: bool
+    rows: Int[np.ndarray, " r"]
+    inner: Float[np.ndarray, "r r"]
+    outer: Float[np.ndarray, "m r"]
+    features: Float[np.ndarray, "m f"]
+
+    @classmethod
+    def of(
+        cls, z: Float[np.ndarray, "m n"], rows: Int[np.ndarray, " r"], share: float, twin: bool
+    ) -> "_Belief":
+        """Return the process with this length, in units of √n."""
+        knobs = z.shape[1]
+        length = share * np.sqrt(knobs)
+        outer = matern(squares(z, z[rows]) / length**2)[0] + _OFFSET[twin]
+        # Always the same cosines: then draws differ by their weights alone, for all lengths and KPIs.
+        rng = np.random.default_rng(_FEATURES)
+        # The spectrum of the kernel is Student's t distribution with five degrees of freedom.
+        tails = np.sqrt(rng.chisquare(5.0, (_FEATURES, 1)) / 5.0)
+        waves = rng.standard_normal((_FEATURES, knobs)) / tails / length
+        phases = rng.uniform(0.0, 2.0 * np.pi, _FEATURES)
+        cosines = np.sqrt(2.0 / _FEATURES) * np.cos(z @ waves.T + phases)
+        constant = np.full((len(z), 1), np.sqrt(_OFFSET[twin]))
+        return cls(
+            twin, rows, outer[rows] + _NUGGET * np.eye(len(rows)), outer, np.hstack([cosines, constant])
+        )
+
+    def fit(self, values: Float[np.ndarray, " r"], spread: float) -> _Fit:
+        """Fit to what was measured; its variance has an inverse gamma distribution before.
+
+        Args:
+            values: Measured values less the mean of the process, shape (r,).
+            spread: Standard deviation of the KPI over random θ.
+        """
+        # A twin that is trusted is off by 0.3 of what the KPI varies over random θ, before anything is known.
+        prior = (spread * (0.3 if self.twin else 1.0)) ** 2
+        alpha = np.linalg.solve(self.inner, values)
+        # Inverse gamma with shape 1 and scale `prior`: the variance can be integrated out in closed form.
+        half, shape = float(values @ alpha) / 2, 1.0 + len(values) / 2
+        factor = np.linalg.cholesky(self.inner)
+        evidence = np.log(_TRUST if self.twin else 1.0 - _TRUST) - shape * np.log1p(half / prior)
+        evidence -= len(values) / 2 * np.log(prior) + np.log(np.diag(factor)).sum()
+        return _Fit(float(evidence), alpha, (prior + half) / shape)
+
+    def paths(self, fit: _Fit, count: int, rng: np.random.Generator) -> Float[np.ndarray, "c m"]:
+        """Return draws of the process at all points, given the values, shape (c, m).
+
+        Source: J. T. Wilson et al., "Efficiently sampling functions from Gaussian process
+        posteriors" (2020): a draw before the values, plus what they change.
+        """
+        drawn = self.features @ rng.standard_normal((self.features.shape[1], count))
+        noise = np.sqrt(_NUGGET) * rng.standard_normal((len(self.rows), count))
+        changed = self.outer @ np.linalg.solve(self.inner, drawn[self.rows] + noise)
+        paths = np.sqrt(fit.variance) * (drawn - changed) + (self.outer @ fit.alpha)[:, None]
+        return np.asarray(paths.T)

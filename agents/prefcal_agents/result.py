@@ -11,8 +11,7 @@ from prefcal_env.knobs import KnobSpace
 from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_env.preferences.history import History
 
-from .people import DRAWS, Bank, Scale, Utilities, overtaking, worth
-from .posterior import Lessons
+from .people import DRAWS, Bank, Lessons, Scale, Utilities, overtaking, worth
 
 # --- Draws of a whole study at once: what other answers would teach, with nothing drawn again.
 #
@@ -83,7 +82,7 @@ class DrawPool:
         for part in np.split(np.arange(len(found)), range(DRAWS, len(found), DRAWS)):
             some = self.utilities.take(part)
             apart = some.differences(self.levels[:, part[0] : part[-1] + 1], given.better, given.worse)
-            found[part] = some.log_answers(apart, given.tie) @ given.strength
+            found[part] = some.log_answers(some.gain(apart), given.tie) @ given.strength
         return found
 
     def weights(self, history: History, power: float = 1.0) -> Float[np.ndarray, " s"]:

@@ -12,8 +12,7 @@ from prefcal_env.errors import PreferenceError
 from prefcal_env.preferences.answer import Outcome, Reading
 from prefcal_env.preferences.history import History, KPIValues
 
-from .people import DRAWS, Bank, Scale, Utilities, worth
-from .posterior import Lessons, learn
+from .people import DRAWS, Bank, Lessons, Scale, Utilities, learn, worth
 
 KPIs = Mapping[str, float]
 """KPIs of an experiment by name, lower is better; infinite means never, NaN or no entry unknown."""
@@ -163,7 +162,8 @@ class Taste:
         # Three possible answers about the same pair: a wins, b wins, a tie.
         levels, one = self.utilities.levels(self._logs([a, b])), np.array([0, 1, 0])
         tie = np.array([False, False, True])
-        logs = self.utilities.log_answers(self.utilities.differences(levels, one, 1 - one), tie)
+        gain = self.utilities.gain(self.utilities.differences(levels, one, 1 - one))
+        logs = self.utilities.log_answers(gain, tie)
         # The mean over draws, mistakes included, so that a sure prediction is rare: research/people.md.
         better, worse, same = (np.exp(logs).mean(axis=0)).tolist()
         return Chances(better, same, worse)

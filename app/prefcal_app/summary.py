@@ -423,12 +423,8 @@ def outlook(
         helps: Function of the number of a knob at its end, and whether it is the upper end, that
             returns whether going further is expected to help.
     """
-    reach = f"Not even the best experiment has a finite {join_words(never)}." if never else ""
-    if reached and never:
-        others = f"experiment{'s' * (len(reached) > 1)} {join_words([str(k) for k in reached])}"
-        reach = f"The best experiment has no finite {join_words(never)}, while {others} reached that."
     swings = "The loop of the best experiment is not stable." if unstable else ""
-    why = " ".join(filter(None, (swings, _missed(missed, limiting, keeping), reach)))
+    why = " ".join(filter(None, (swings, _missed(missed, limiting, keeping), _unreached(never, reached))))
     ends = [
         (knob, up)
         for knob, up in at_end(space, best)
@@ -489,6 +485,14 @@ def begin_with(named: Mapping[str, Experiment], space: KnobSpace, limited: Seque
         return f"{name}, where the study began, misses none: go back to it, or continue"
     start = shlex.join(["--start", typed_theta(space, named[name].theta.tolist())])
     return f"{name} misses none: to begin with it, repeat the command of the study with {start}"
+
+
+def _unreached(never: Sequence[str], reached: Sequence[int]) -> str:
+    """Return which KPIs are infinite even in the best experiment, and which others reached them; or ""."""
+    if not reached or not never:
+        return f"Not even the best experiment has a finite {join_words(never)}." if never else ""
+    others = f"experiment{'s' * (len(reached) > 1)} {join_words([str(k) for k in reached])}"
+    return f"The best experiment has no finite {join_words(never)}, while {others} reached that."
 
 
 def _missed(titles: Sequence[str], limiting: str, keeping: str) -> str:

@@ -10,9 +10,19 @@ from jaxtyping import Float, Int
 
 from prefcal_agents.agent import Settings, Setup, choice
 from prefcal_agents.lessons import MOST, Preferences, Remembered, Stages, Subset, cube_of, fill_kpis, judged
-from prefcal_agents.on_plant import draw_on_plant
-from prefcal_agents.people import DRAWS, SURE, Bank, Scale, Utilities, expected_best
-from prefcal_agents.posterior import AFTER, Lessons, Posterior, explains
+from prefcal_agents.people import (
+    AFTER,
+    DRAWS,
+    SURE,
+    Bank,
+    Lessons,
+    Posterior,
+    Scale,
+    Utilities,
+    draw_on_plant,
+    expected_best,
+    explains,
+)
 from prefcal_agents.search import Penalty, Tried, random_points, step_length
 from prefcal_agents.surrogate import (
     FOLDS,

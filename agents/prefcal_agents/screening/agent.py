@@ -14,8 +14,16 @@ from prefcal_agents.agent import Pair, Setup, one_thread
 from prefcal_agents.glisp.agent import propose
 from prefcal_agents.glisp.fits import GLISpSettings, Learned, ModelSelection
 from prefcal_agents.lessons import Remembered
-from prefcal_agents.people import Bank, Utilities, expected_best, notice_chance, overtaking, worth
-from prefcal_agents.posterior import AFTER, Posterior
+from prefcal_agents.people import (
+    AFTER,
+    Bank,
+    Posterior,
+    Utilities,
+    expected_best,
+    notice_chance,
+    overtaking,
+    worth,
+)
 from prefcal_agents.search import Tried
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.preferences.history import History, lost_since

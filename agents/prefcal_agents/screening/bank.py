@@ -13,9 +13,19 @@ from jaxtyping import Bool, Float, Int
 
 from prefcal_agents.agent import Agent, Settings, Start, one_thread
 from prefcal_agents.lessons import Remembered, Stages
-from prefcal_agents.on_plant import Measured, draw_on_plant
-from prefcal_agents.people import DRAWS, Bank, Scale, Utilities, worth
-from prefcal_agents.posterior import Lessons, Posterior, explains, learn
+from prefcal_agents.people import (
+    DRAWS,
+    Bank,
+    Lessons,
+    Measured,
+    Posterior,
+    Scale,
+    Utilities,
+    draw_on_plant,
+    explains,
+    learn,
+    worth,
+)
 from prefcal_agents.result import DrawPool, limit
 from prefcal_agents.search import Region, latin_hypercube
 from prefcal_agents.taste import Told, lessons_of

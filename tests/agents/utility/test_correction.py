@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from prefcal_agents import Screening, minimize_by_preference, restore
-from prefcal_agents.on_plant import Measured, draw_on_plant
+from prefcal_agents.people import Measured, draw_on_plant
 from prefcal_agents.screening.findings import findings
 from prefcal_env.errors import SettingsError, SimulationError
 from prefcal_env.preferences.answer import Answer, Mark, Reading

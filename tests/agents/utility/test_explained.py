@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from prefcal_agents.people import Scale, Utilities
-from prefcal_agents.posterior import Lessons, Posterior, explains
+from prefcal_agents.people import Lessons, Posterior, Scale, Utilities, explains
 from prefcal_agents.screening.agent import is_stalled
 from prefcal_env.preferences.history import History
 from support.simulated import in_chain, random_bank

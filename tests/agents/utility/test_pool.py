@@ -5,8 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from prefcal_agents.people import DRAWS, Scale, Utilities
-from prefcal_agents.posterior import Lessons, Posterior
+from prefcal_agents.people import DRAWS, Lessons, Posterior, Scale, Utilities
 from prefcal_agents.result import DrawPool, turn
 from prefcal_env.preferences.history import History
 from support.simulated import in_chain, random_bank

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_agents import posterior
-from prefcal_agents.people import DRAWS, Scale, Utilities
-from prefcal_agents.posterior import Lessons, Posterior
+from prefcal_agents import people
+from prefcal_agents.people import DRAWS, Lessons, Posterior, Scale, Utilities
 from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_env.preferences.history import History
 from support.simulated import bank_of, of_pairs, random_bank
@@ -232,7 +231,7 @@ def test_what_few_answers_refuse_all_answers_refuse(monkeypatch):
     better, worse = np.where(signs > 0, pairs.T, pairs.T[::-1])
     all_of_them = Lessons(SCALE(BANK), better, worse, ties, np.ones(len(pairs)))
     found = [update(prior(), all_of_them.first(0), all_of_them, SCALE, np.random.default_rng(1))]
-    monkeypatch.setattr(posterior, "_TELLING", len(pairs))  # so that no answer comes before the others
+    monkeypatch.setattr(people, "_TELLING", len(pairs))  # so that no answer comes before the others
     found += [update(prior(), all_of_them.first(0), all_of_them, SCALE, np.random.default_rng(1))]
     assert found[0].to_bytes() == found[1].to_bytes()
     assert found[0].to_bytes() != prior().to_bytes()

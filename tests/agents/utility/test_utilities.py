@@ -250,7 +250,7 @@ def test_a_difference_is_noticed_from_1_on():
 def test_an_answer_is_as_probable_as_its_difference_is_noticed():
     gains = np.array([-5.0, 1.0, 3.9, 4.1, 50.0, 0.0, 50.0])
     tie = np.array([False] * 5 + [True] * 2)
-    (found,) = by_hand(errors=0.1).log_answers(gains.reshape(1, 1, -1), tie)
+    (found,) = by_hand(errors=0.1).log_answers(gains.reshape(1, -1), tie)
     # One of ten answers is any of the three; one threshold is noticed every other time.
     noticed = [0.1 / 3, 0.9 * 0.5 + 0.1 / 3, *[0.9 + 0.1 / 3] * 3]
     assert np.exp(found[:5]) == pytest.approx(noticed, abs=1e-12)

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_agents.people import DRAWS, Scale, Utilities
-from prefcal_agents.posterior import Lessons, Posterior
+from prefcal_agents.people import DRAWS, Lessons, Posterior, Scale, Utilities
 from prefcal_agents.result import DrawPool, wishes
 from prefcal_env.preferences.history import History
 from support.simulated import of_pairs, random_bank
