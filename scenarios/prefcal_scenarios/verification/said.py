@@ -338,8 +338,9 @@ def _other(found: Verification, scenario: Scenario, robust: bool) -> str:
     which = f"the tuning {names[0]}" if names else "a tuning that was tried"
     return (
         f"{which} holds in {_kept(best.runs)} of the same {len(best.runs)} runs, this one in "
-        f"{_kept(found.runs)}{_nominal_changes(found, best)}. Begin with it: repeat the command of the study "
-        f"with {_started(scenario, best, robust)}"
+        f"{_kept(found.runs)}{_nominal_changes(found, best)}. To see it and search on from it, repeat the "
+        f"command of the study with {_started(scenario, best, robust)}. What that study finds may hold in "
+        "fewer runs than its start: verify its result, which counts both"
     )
 
 

@@ -199,8 +199,10 @@ def test_beside_some_failed_runs_stands_what_to_do_next():
     (other,) = Verified.of(new, replace(SPRING, simulated=True), "", "1.0", "").advice
     assert other == (
         f"a tuning that was tried holds in 200 of the same 200 runs, this one in {200 - len(found.failed)}; "
-        f"nominally weight 2 → {gain:.3g}. Begin with it: repeat the command of the study with --robust "
-        f"--start gain={gain:.6g}; with --taste and the name of a saved study, your answers count there"
+        f"nominally weight 2 → {gain:.3g}. To see it and search on from it, repeat the command of the study "
+        f"with --robust --start gain={gain:.6g}; with --taste and the name of a saved study, your answers "
+        "count there. What that study finds may hold in fewer runs than its start: verify its result, which "
+        "counts both"
     )
     robust = Verified.of(new, replace(SPRING, simulated=True), "", "1.0", "", robust=True).advice
     assert robust == (other.replace("--robust ", ""),)
