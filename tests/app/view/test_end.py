@@ -58,7 +58,7 @@ def test_without_a_result_there_is_no_reason_for_one():
 @pytest.mark.parametrize(
     ("verdicts", "first"),
     [
-        (["worse", "worse", "better", "better", "", "better", "better"], [0, 1, 2, 3, 5]),
+        (["worse", "worse", "better", "better", "", "better", "better"], [2, 3, 5, 0, 1]),
         (["better", "better"], [0, 1]),
         (["", "", "", ""], [0, 1, 2]),
         (["worse", "", "worse"], [0, 2]),
