@@ -44,6 +44,7 @@ NOT_VARIED = ("what was not varied", "why")
 REFUSED = "not acceptable"
 """Verdict of a person on a worst run that speaks against the tuning."""
 _NAMED = 8  # number of values of a run that are named
+_FEW = 0.05  # share of runs that fail, from which on no robust study is advised
 
 
 @dataclass(frozen=True, slots=True)
@@ -336,11 +337,14 @@ def _other(found: Verification, scenario: Scenario, robust: bool) -> str:
         return ""
     names = [name for name, theta in scenario.references.items() if np.array_equal(theta, best.theta)]
     which = f"the tuning {names[0]}" if names else "a tuning that was tried"
+    lost = len(best.runs) - _kept(best.runs)
+    few = lost <= _FEW * len(best.runs)  # a robust study looks for one that holds in all of its runs
+    even = "" if few else f". Even with it, {lost} fail: {' or '.join(_ways(found))}".removesuffix(": ")
     return (
         f"{which} holds in {_kept(best.runs)} of the same {len(best.runs)} runs, this one in "
         f"{_kept(found.runs)}{_nominal_changes(found, best)}. To see it and search on from it, repeat the "
-        f"command of the study with {_started(scenario, best, robust)}. What that study finds may hold in "
-        "fewer runs than its start: verify its result, which counts both"
+        f"command of the study with {_started(scenario, best, robust or not few)}. What that study finds may "
+        f"hold in fewer runs than its start: verify its result, which counts both{even}"
     )
 
 
@@ -365,14 +369,18 @@ def _nominal_changes(found: Verification, other: Robustness) -> str:
     return f"; nominally {', '.join(said[:_SHOWN])}" if said else ""
 
 
+def _ways(found: Verification) -> list[str]:
+    """Return what else than the tuning can be changed."""
+    offset = " (it has no integral action)" if found.remaining else ""
+    ways = [] if found.limiting else [f"change the controller{offset}"]  # else the input is to blame
+    return ways + ["relax the limit"] * (bool(breakable(found.kpis)) and len(found.failed) >= CHANCE)
+
+
 def _nothing_else(found: Verification, scenario: Scenario, robust: bool) -> str:
     """Return what is left to change, since none of the tunings that were tried holds in more runs."""
     if (tried := found.others) is None:
         return ""
-    offset = " (it has no integral action)" if found.remaining else ""
-    ways = [] if found.limiting else [f"change the controller{offset}"]  # else the input is to blame
-    ways += ["relax the limit"] * (bool(breakable(found.kpis)) and len(found.failed) >= CHANCE)
-    due = f"{change}: " if (change := " or ".join(ways)) else ""
+    due = f"{change}: " if (change := " or ".join(_ways(found))) else ""
     if tried.best is None:
         none = f"none of {tried.count} other tunings that were tried"
         return f"{due}{none} {'is stable' if tried.able else 'does even nominally what is asked'}"

@@ -206,6 +206,12 @@ def test_beside_some_failed_runs_stands_what_to_do_next():
     )
     robust = Verified.of(new, replace(SPRING, simulated=True), "", "1.0", "", robust=True).advice
     assert robust == (other.replace("--robust ", ""),)
+    # Where even the best of them fails often, no robust study finds one that holds in all of its runs.
+    bad = [replace(run, problems=("weight misses its objective",)) for run in best.runs[:11]]
+    often = replace(found.others, best=replace(best, runs=(*bad, *best.runs[11:])))
+    (other,) = Verified.of(replace(new, others=often), replace(SPRING, simulated=True), "", "1.0", "").advice
+    assert "with --start gain=" in other
+    assert other.endswith("counts both. Even with it, 11 fail: change the controller or relax the limit")
     (relax,) = Verified.of(replace(found, others=None), SPRING, "", "1.0", "").advice
     assert relax == (
         f"relax the limit of weight: with ≤ {heaviest:.4g} in place of ≤ 2.1, 200 of these 200 runs hold; as "
@@ -242,7 +248,7 @@ def test_a_tuning_before_that_holds_on_more_of_the_same_plants_is_kept_only_beyo
         # So of others: what is no more than chance is only where to look further.
         (other, *_) = Verified.of(replace(near, before=None), scenario, "", "1.0", "").advice
         assert other.startswith("a tuning that was tried holds in") == better
-        assert ("--robust --start gain=2;" in other) == better  # else from this tuning on
+        assert ("--start gain=2;" in other) == better  # else from this tuning on
     nominal = replace(found.before.nominal, problems=("weight misses its objective",))
     worse = replace(found, before=replace(found.before, nominal=nominal))
     assert (
