@@ -254,7 +254,8 @@ def _held(
         if kept >= ENOUGH:
             return f"{which} holds: all {ENOUGH} runs {_VARIED} end {reach} ({none})."
         lost = f"end safely, or does not reach what the nominal run reaches ({none})"
-    return f"{which} does not hold: run {kept + 1} of {ENOUGH} {_VARIED} does not {lost}.{left}"
+    first = f"of the runs {_VARIED}, number {kept + 1} is the first that does not"  # no share: they end there
+    return f"{which} does not hold: {first} {lost}.{left}"
 
 
 def _perturbed(scenario: Scenario) -> str:

@@ -1,5 +1,6 @@
 """What came of a verification: frozen data, and what follows from it."""
 
+import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -35,6 +36,7 @@ from prefcal_scenarios.wording import (
     quantity,
     range_ends,
     read_text,
+    typed_number,
     with_unit,
 )
 
@@ -218,15 +220,17 @@ class Verification:
         """Return how many runs hold with the task as stated, and what was left out of what varies."""
         count, said = len(self.as_stated), ""
         if count:
-            first = "" if count == len(self.failed) else "first "
-            of = f"the same {count}" if count == len(self.runs) else f"the {first}{count} that fail"
-            said = f"; at {self.stated}, {sum(not run.problems for run in self.as_stated)} of {of} hold"
-        kept = [
+            kept = sum(not run.problems for run in self.as_stated)
+            said = f"; at {self.stated}, {kept} of the same {count} hold"
+            if count < len(self.runs):
+                first = "" if count == len(self.failed) else "first "
+                said = f"; of the {first}{count} that fail, {count - kept} fail at {self.stated}, too"
+        still = [
             f"{name}, which fails nominally" if why.startswith("turned,") else name
             for name, why in self.left_out
             if why == RANGE_0 or name in (*_OF_STEP, TURN)
         ]
-        return f"{said}; not varied: {', '.join(kept)}" if kept else said
+        return f"{said}; not varied: {', '.join(still)}" if still else said
 
     @property
     def headline(self) -> str:
@@ -238,7 +242,8 @@ class Verification:
             f"{count - len(self.failed)} of {count} runs {self.asked}{ended}{self._where}." if count else ""
         )
         if self.failed:
-            said = f"Does not hold{f' beyond {self.stated}' if self.holds_as_stated else ''}: {held}"
+            where = f" beyond {self.stated}" if self.holds_as_stated else ", not even nominally"
+            said = f"Does not hold{where if self.holds_as_stated or own.problems else ''}: {held}"
         elif own.problems or loop == UNSTABLE:  # nominally, which no count of varied runs says
             said = f"Does not hold: {self.words(own) if own.problems else 'the nominal loop is not stable'}."
         elif not count:
@@ -330,7 +335,7 @@ class Verification:
         """Return the KPI whose limit a problem is about; None if it is no limit."""
         return next((kpi for kpi in self.kpis if _miss_words(kpi) == problem), None)
 
-    def _beyond(self, run: VerifiedRun) -> float:
+    def beyond(self, run: VerifiedRun) -> float:
         """Return by how much a run misses what it misses by most, as a share of the limit."""
         return max((_excess(self._kpi_of(problem), run) for problem in run.problems), default=0.0)
 
@@ -422,13 +427,13 @@ class Verification:
             there = " At its target, it is NOT STABLE."
         else:  # what is stated is judged by a KPI, which is the worse of start and target
             there = f" At its target, it {usual_margins(target)}." if target and not said else ""
-        there += self._remaining
         if said or isinstance(found, str):
-            return f"Margins of the nominal loop: {said}.{there}" if said else ""
+            return f"{self._remaining}Margins of the nominal loop: {said}.{there}" if said else ""
         usual, has = ", ".join(words for words, *_ in USUAL), f"{usual_margins(found)}."
         if there.startswith(also := f" At its target, it {has}"):
             has, there = f"{has[:-1]}, also at its target.", there.removeprefix(also)
-        return f"No limit on a margin is stated. Usual are {usual}: the nominal loop {has}{there}"
+        none = f"{self._remaining}No limit on a margin is stated"
+        return f"{none}. Usual are {usual}: the nominal loop {has}{there}"
 
     @property
     def remaining(self) -> float:
@@ -440,7 +445,7 @@ class Verification:
         """Return that large margins are no merit where there is hardly feedback; "" where there is."""
         share = np.floor(100 * self.remaining)
         left = f"{share:.0f} % or more of a lasting disturbance at its input stays"
-        return f" It has no integral action: {left}." if share else ""
+        return f"The nominal loop has no integral action: {left}. " if share else ""
 
     def _stated_margins(self) -> str:
         """Return whether the KPIs that are margins keep the limits that are stated; "" without any."""
@@ -480,6 +485,7 @@ class Verification:
         held, count = len(self.runs) - len(self.failed) + len(freed), len(self.runs)
         if len(changed) < len(kpis) or len(freed) < CHANCE:
             return held, ""
+        typed = [f for k in kpis for f in ("--limit", f"{k.name} {_tightest(k, freed, typed=True)}")]
         limits = [f"{_tightest(kpi, freed)} in place of {limits_text(kpi)}" for kpi in kpis]
         if len(kpis) == 1:
             what, new = f"limit of {kpis[0].title}", limits[0]
@@ -491,7 +497,7 @@ class Verification:
         return (
             held,
             f"relax the {what}: with {new}, {held} of these {count} runs hold{still}; as that fits these "
-            f"plants, verify it on other ones, with --seed {self.seed + 1}",
+            f"plants, verify it on other ones, with {shlex.join(['--seed', str(self.seed + 1), *typed])}",
         )
 
     def _near(self, kpi: KPI, value: float) -> bool:
@@ -528,7 +534,7 @@ class Verification:
         both = [[*self._ends(factor, runs)] for factor, *runs in pairs]
 
         def badness(effect: Effect) -> tuple[float, float, bool, float, int]:
-            lost = self._beyond(effect.run) if np.isinf(effect.worsening) else -1.0
+            lost = self.beyond(effect.run) if np.isinf(effect.worsening) else -1.0
             return lost, effect.used, effect.doubled, effect.worsening, len(effect.run.problems)
 
         return tuple(sorted((max(pair, key=badness) for pair in both), key=badness, reverse=True))
@@ -545,7 +551,7 @@ class Verification:
         def badness(run: VerifiedRun) -> tuple[bool, bool, int, float, float]:
             first = any(run is each for each in farthest)
             worse = max((share for share, *_ in self._worse(run)), default=0.0)
-            return first, run.end.interrupted, len(run.problems), self._beyond(run), worse
+            return first, run.end.interrupted, len(run.problems), self.beyond(run), worse
 
         return tuple(sorted(self.runs, key=badness, reverse=True)[:count])
 
@@ -638,11 +644,14 @@ def problems_of(kpis: Sequence[KPI], result: HasKPIs, nominal: HasKPIs | None) -
     return tuple(found)
 
 
-def _tightest(kpi: KPI, runs: Sequence[VerifiedRun]) -> str:
-    """Return the tightest limit of a KPI that lets some runs hold, in words."""
+def _tightest(kpi: KPI, runs: Sequence[VerifiedRun], *, typed: bool = False) -> str:
+    """Return the tightest limit of a KPI that lets some runs hold, in words, or as it is typed."""
     values = [run.kpis[kpi.name] for run in runs if kpi.name in run.kpis]
     limit = kpi.read(min(values) if np.isfinite(kpi.at_least) else max(values))
-    return f"{objective(kpi)[:1]} {quantity(limit, kpi.unit)}"
+    sign = objective(kpi)[:1]
+    if typed:
+        return f"{'<=' if sign == '≤' else '>='} {typed_number(limit)} {kpi.unit}".rstrip()
+    return f"{sign} {quantity(limit, kpi.unit)}"
 
 
 def _miss_words(kpi: KPI) -> str:

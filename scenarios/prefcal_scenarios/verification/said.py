@@ -29,7 +29,7 @@ from prefcal_scenarios.wording import (
 )
 
 from .loop_margins import has_poor_margins, margins_said
-from .result import CHANCE, CONFIDENCE, Effect, Robustness, Verification, VerifiedRun, breakable
+from .result import CONFIDENCE, Effect, Robustness, Verification, VerifiedRun
 
 # --- What a verification leaves beside its best.json, as plain data for people and programs.
 
@@ -268,7 +268,7 @@ def _next(found: Verification, scenario: Scenario, baseline: str, robust: bool) 
     """Return what to do next if some run fails, or the loop is not stable, a text each."""
     widen = tuple(_widened(found))
     other = _other(found, scenario, robust)
-    before = _before(found, scenario, baseline, last=not other)
+    before = _before(found, baseline, alone=not other)
     if found.tuning.margins == UNSTABLE:
         free = any(kpi.name == "M_s" and kpi.met(0.0) is None for kpi in found.kpis)  # of others, none can be
         first = "state a limit on M_s, such as at most 2," if free else "begin elsewhere (--start)"
@@ -284,10 +284,10 @@ def _next(found: Verification, scenario: Scenario, baseline: str, robust: bool) 
     return (*filter(None, (*every, left)), *found.advice)
 
 
-def _before(found: Verification, scenario: Scenario, baseline: str, *, last: bool) -> str:
+def _before(found: Verification, baseline: str, *, alone: bool) -> str:
     """Return that the tuning before is to be kept: it holds in all runs, or in more, beyond chance; or "".
 
-    If it is the `last` that is known to hold in more, the next study begins with it.
+    If it is not `alone` in that, another one that holds in more is advised in its place.
     """
     if not baseline or found.before is None:
         return ""
@@ -296,12 +296,11 @@ def _before(found: Verification, scenario: Scenario, baseline: str, *, last: boo
         holds = f"it holds in all {len(runs)} of the same runs"
         poor = has_poor_margins(found.before.margins)
         return f"look at {name}: {holds}, but its nominal loop {poor}" if poor else f"take {name}: {holds}"
-    if not _better(found, found.before):
+    if not alone or not _better(found, found.before):
         return ""
     old, new = (_kept(each[: len(runs)]) for each in (runs, found.runs))
-    start = shlex.join(["--start", typed_theta(scenario.space, found.before.theta.tolist())])
-    more = f"{name} holds in {old - new} more of the same {len(runs)} runs ({old} instead of {new}): keep it"
-    return f"{more}, or start the next study from it, with {start}" if last else more
+    # The study began there: to begin there once more would end as it did.
+    return f"{name} holds in {old - new} more of the same {len(runs)} runs ({old} instead of {new}): keep it"
 
 
 def _better(found: Verification, other: Robustness | None) -> bool:
@@ -340,19 +339,21 @@ def _other(found: Verification, scenario: Scenario, robust: bool) -> str:
     lost = len(best.runs) - _kept(best.runs)
     few = lost <= _FEW * len(best.runs)  # a robust study looks for one that holds in all of its runs
     even = "" if few else f". Even with it, {lost} fail: {' or '.join(_ways(found))}".removesuffix(": ")
+    old = f", the tuning before in {_kept(before.runs)}" if before else ""
+    start = _started(scenario, best, few and not robust)
     return (
         f"{which} holds in {_kept(best.runs)} of the same {len(best.runs)} runs, this one in "
-        f"{_kept(found.runs)}{_nominal_changes(found, best)}. To see it and search on from it, repeat the "
-        f"command of the study with {_started(scenario, best, robust or not few)}. What that study finds may "
-        f"hold in fewer runs than its start: verify its result, which counts both{even}"
+        f"{_kept(found.runs)}{old}{_nominal_changes(found, best)}. To see it and search on from it, repeat "
+        f"the command of the study with {start}. What that study finds may hold in fewer runs than its "
+        f"start: verify its result, which counts both{even}"
     )
 
 
 def _started(scenario: Scenario, tuning: Robustness, robust: bool) -> str:
-    """Return the options of a study that looks for room on other plants, from a tuning on."""
+    """Return the options of a study from a tuning on, perhaps one that looks for room on other plants."""
     start = ["--start", typed_theta(scenario.space, tuning.theta.tolist())]
     return (
-        f"{shlex.join(start if robust else ['--robust', *start])}; with --taste and the name of a saved "
+        f"{shlex.join(['--robust'] * robust + start)}; with --taste and the name of a saved "
         "study, your answers count there"
     )
 
@@ -373,7 +374,7 @@ def _ways(found: Verification) -> list[str]:
     """Return what else than the tuning can be changed."""
     offset = " (it has no integral action)" if found.remaining else ""
     ways = [] if found.limiting else [f"change the controller{offset}"]  # else the input is to blame
-    return ways + ["relax the limit"] * (bool(breakable(found.kpis)) and len(found.failed) >= CHANCE)
+    return ways + ["relax a limit"] * bool(found.advice)
 
 
 def _nothing_else(found: Verification, scenario: Scenario, robust: bool) -> str:
@@ -382,12 +383,19 @@ def _nothing_else(found: Verification, scenario: Scenario, robust: bool) -> str:
         return ""
     due = f"{change}: " if (change := " or ".join(_ways(found))) else ""
     if tried.best is None:
-        none = f"none of {tried.count} other tunings that were tried"
-        return f"{due}{none} {'is stable' if tried.able else 'does even nominally what is asked'}"
-    most = f"the best of {tried.count} other tunings that were tried holds in {_kept(tried.best.runs)}"
-    start = _started(scenario, found.tuning, robust)
-    further = f". To look further, repeat the command of the study with {start}"
-    return f"{due}{most} of the same {len(found.runs)} runs, this one in {_kept(found.runs)}{further}"
+        what = "is stable" if tried.able else "does even nominally what is asked"
+        none = f"of {tried.count} other tunings that were tried, none {what}"
+        return f"{due}{none}, which proves nothing of others"
+    counts = f"the best in {_kept(tried.best.runs)}, this one in {_kept(found.runs)}"
+    said = (
+        f"{due}none of {tried.count} other tunings that were tried holds in more of the same "
+        f"{len(found.runs)} runs, beyond chance ({counts})"
+    )
+    # Where none is near one that holds, where to begin is no matter; and to repeat a robust study is none.
+    if robust or 2 * len(found.failed) > len(found.runs):
+        return said
+    start = _started(scenario, found.tuning, robust=True)
+    return f"{said}. To look further, repeat the command of the study with {start}"
 
 
 def _name_delay_margin(found: Verification, factor: Factor) -> str:

@@ -126,7 +126,8 @@ RUNS = 299
 RIVALS = 60
 """Other tunings: if none of them holds, less than 5 % of all do, with 95 % confidence. So many runs that fail
 are tried with the task as stated before all are."""
-_AROUND = 20  # other tunings near the one that is verified, or near the best of others
+_AROUND, _STEPS = 20, 5
+"""Other tunings near the verified one or the best of others; most searches near the best."""
 _TURNED = 10  # random tunings that say whether the nominal plant can do a turned step or load at all
 _HANGS = 3.0  # times the longest other wait, after which a run that is stopped counts as not ended
 _QUICK = 2.0  # seconds of simulation that are not worth starting other processes
@@ -537,18 +538,22 @@ class _Trials:
         good = [run for run in self.verified.runs if not run.problems]
         telling = [run for pair in zip_longest(self.verified.failed, good) for run in pair if run]
         made = self.on(tunings, telling[:plants]) if tunings else []
-        return sorted(made, key=lambda t: sum(bool(run.problems) for run in t.runs))[:count]
+        return sorted(made, key=_failures)[:count]
 
-    def near(self, theta: Theta, spread: float) -> list[Theta]:
+    def near(self, theta: Theta, spread: float, generator: np.random.Generator) -> list[Theta]:
         """Return tunings near a physical θ, shape (n,), with a standard deviation in the unit cube."""
         space, (lower, upper) = self.scenario.space, self.scenario.space.corners
-        drawn = np.random.default_rng([self.verified.seed, _APART, 1]).standard_normal((_AROUND, len(space)))
+        drawn = generator.standard_normal((_AROUND, len(space)))
         return self.allowed(np.clip(space.encode(theta) + spread * drawn, lower, upper))
 
     def allowed(self, z: Float[np.ndarray, "m n"]) -> list[Theta]:
         """Return the physical tunings of points of the unit cube, those that the constraints allow."""
         thetas = self.scenario.space.proposals(z)[1]
         return list(thetas[self.scenario.space.allows(thetas)])
+
+
+def _failures(tuning: Robustness) -> int:
+    return sum(bool(run.problems) for run in tuning.runs)
 
 
 def _look_further(trials: _Trials) -> Verification:
@@ -594,12 +599,18 @@ def _try_others(trials: _Trials) -> Others:
     generator = np.random.default_rng([trials.verified.seed, _APART])
     drawn = trials.allowed(space.scaled(generator.random((RIVALS, len(space)))))
     named = trials.scenario.references.values()
-    tried = trials.nominally([*drawn, *named, *trials.near(own.theta, 0.15)])
+    tried = trials.nominally([*drawn, *named, *trials.near(own.theta, 0.15, generator)])
     left = trials.best(trials.best(trials.able(tried), 6, 8), 24, 3)
-    around = trials.nominally(trials.near(left[0].theta if left else own.theta, 0.08))
-    left += trials.best(trials.best(trials.able(around), 6, 6), 24, 3)
-    stable = ((t, margins_at(trials.known, t.theta)) for t in trials.best(left, RIVALS, len(left)))
+    for step in range(_STEPS):
+        # Where none does nominally what is asked, towards those limits that are missed by least.
+        nearest = min([own, *tried], key=lambda t: trials.verified.beyond(t.nominal))
+        center = (left[0] if left else nearest).theta
+        around = trials.nominally(trials.near(center, 0.08, generator))
+        tried, able = [*tried, *around], trials.able(around)
+        left = sorted([*left, *trials.best(trials.best(able, 6, 6), 24, 3)], key=_failures)
+        if left and step:
+            break
+    stable = ((t, margins_at(trials.known, t.theta)) for t in trials.best(left[:6], RIVALS, 6))
     best = next((replace(t, margins=m) for t, m in stable if m != UNSTABLE), None)
-    able = len(trials.able([*tried, *around]))
     done = trials.on([best], trials.verified.runs) if best else [None]
-    return Others(len(tried) + len(around), able, done[0])
+    return Others(len(tried), len(trials.able(tried)), done[0])

@@ -438,7 +438,7 @@ def test_the_brief_says_what_was_chosen():
     design = scenario.run.kpis.design
     assert f"The controller moves every {design.T_s:g} s." in scenario.brief
     assert "on a load acts: " in scenario.brief
-    assert "It sets in behind the dead time of the input." in scenario.brief  # which a load does not pass
+    assert "The dead time of the input does not delay it." in scenario.brief  # which a load does not pass
 
 
 TORQUE = Channel("torque", "N m", -8, 8)

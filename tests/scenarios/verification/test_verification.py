@@ -517,9 +517,9 @@ def test_margins_of_a_plant_that_is_not_linear_are_those_of_the_target_too():
         assert at.gain == pytest.approx(gain, rel=1e-6)
         assert at.M_s == pytest.approx(1 / (1 - 1 / gain), rel=1e-6)
     assert found.margin_verdict == (
+        "The nominal loop has no integral action: 32 % or more of a lasting disturbance at its input stays. "
         "No limit on a margin is stated. Usual are M_s ≤ 2, gain ≥ 6 dB, phase ≥ 30°: the nominal loop has "
-        "them all. At its target, it does not have M_s ≤ 2 or gain ≥ 6 dB. It has no integral action: 32 % "
-        "or more of a lasting disturbance at its input stays."
+        "them all. At its target, it does not have M_s ≤ 2 or gain ≥ 6 dB."
     )
     # By hand: 1 / (1 + L(1)), L(1) = K b / (1 - a) = 13 · 0.004 / rate; it is 49 % at the start.
     assert remaining(found.tuning.margins) == pytest.approx(1 / (1 + 13 * 0.004 / 0.025), rel=1e-3)
