@@ -1,7 +1,4 @@
-"""What a person may want from KPIs: how probable it makes an answer, and what answers teach.
-
-A person may judge by something that no KPI measures. Then a model over θ explains the answers better.
-"""
+"""What a person may want from KPIs, what answers say of it, and which θ is worth showing."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -194,9 +191,6 @@ themselves too much (docs/research/people.md)."""
 SURE: Mistakes = ((0.02, 0.7), (0.1, 0.2), (0.25, 0.1))
 """People who follow their KPIs: for an agent that compares them with θ, and leaves KPIs that mislead later
 if an answer may as well be a whim."""
-
-DRAWS = 1024
-"""Number of draws that stand for what is known."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -518,70 +512,12 @@ def notice_chance(gain: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shap
     return np.asarray(ndtr(scaled, out=scaled))
 
 
-# --- What a θ is worth, and what takes the place of the best one.
-
-
-def worth(costs: Float[np.ndarray, "s m"]) -> Float[np.ndarray, "s m"]:
-    """Return the negative logarithm of the number of θ noticeably better than each, plus 4, (s, m).
-
-    Halving the number of better θ is worth the same everywhere, from a poor θ to the very best.
-    """
-    better = np.empty(costs.shape, dtype=np.int64)
-    for found, row in zip(better, costs, strict=True):
-        order = np.argsort(row)  # what increases is searched for in a third of the time
-        found[order] = np.searchsorted(row[order], row[order] - 1.0)
-    # 3 more: which of the very first ranks a θ has is chance, docs/research/screening.md.
-    return np.asarray(-np.log(better + 3.0 + 1.0))
-
-
-def expected_best(costs: Float[np.ndarray, "s m"], best: int | None) -> Float[np.ndarray, " m"]:
-    """Return the expected worth of the better one of each θ and the best so far, shape (m,).
-
-    The answer decides which of both is kept, so the θ with the largest value is the one to show.
-    Where the person would not notice that it is better, it is kept by chance, and counts nothing.
-
-    Source: Z. J. Lin et al., "Preference exploration for efficient Bayesian optimization with
-    multiple outcomes" (2022): the expected utility of the best option.
-    Deviation: the utility is the logarithm of the rank, since a draw of the cost has no unit.
-
-    Args:
-        costs: Cost of each θ in each draw, shape (s, m).
-        best: Row of the best one so far; None if nothing was shown.
-    """
-    found = worth(costs)
-    if best is not None:
-        found = np.where(costs < costs[:, [best]] - 1.0, found, found[:, [best]])
-    return np.asarray(found.mean(axis=0))
-
-
-# Probability of being noticeably better than the best by the answers, above which an experiment takes its
-# place. With 0.5, people who never err lose (1,292 instead of 1,478 after ten answers), and with 0.9 those
-# who are wrong every fifth time (423 instead of 614 after twenty): docs/research/screening.md.
-_DOUBT = 0.75
-# From this probability on that the person hardly follows the KPIs, nothing takes the place of what won: it is
-# the one before any answer. People whose taste KPIs hardly explain end better so (docs/research/people.md).
-_LOOSE = REAL[-1][1]
-
-
-def overtaking(better: Float[np.ndarray, " n"], loose: float, history: History) -> Float[np.ndarray, " n"]:
-    """Return how probably each sample is noticeably better than the best by the answers, (n,).
-
-    It is 0 where the probability is 0.75 or less, for runs that were unsafe or cut short, and for all
-    samples if `loose` is 0.25 or more, as before any answer.
-
-    Args:
-        better: That probability by the draws, shape (n,).
-        loose: Probability that the person hardly follows the KPIs, see `Utilities.loose`.
-        history: Samples and answers.
-    """
-    found = np.where((better > _DOUBT) & (loose < _LOOSE), better, 0.0)
-    # An unsafe run never leads, and the KPIs of one that was cut short are bounds, not values.
-    found[[*history.unsafe, *history.cut_short]] = 0.0
-    return found
-
-
 # --- Learn from answers: draw costs by how well they explain them, and ask whether they do.
+#
+# A person may judge by something that no KPI measures. Then a model over θ explains the answers better.
 
+DRAWS = 1024
+"""Number of draws that stand for what is known."""
 AFTER = 10
 """Number of answers before KPIs can be left; fewer say too little."""
 
@@ -851,7 +787,7 @@ def explains(history: History, given: Posterior) -> bool:
 
 
 # --- What KPIs may be on the plant, given what was measured, and a simulation if there is one.
-
+#
 # Each KPI is a Gaussian process over θ, on the scale on which KPIs are judged. A simulation of another
 # plant than the one that runs is a rough model of it, a twin: then the process is the difference between
 # both. How far the twin is trusted follows from the measured values: with some probability, which they
@@ -1042,3 +978,65 @@ class _Belief:
         changed = self.outer @ np.linalg.solve(self.inner, drawn[self.rows] + noise)
         paths = np.sqrt(fit.variance) * (drawn - changed) + (self.outer @ fit.alpha)[:, None]
         return np.asarray(paths.T)
+
+
+# --- What a θ is worth, and what takes the place of the best one.
+
+
+def worth(costs: Float[np.ndarray, "s m"]) -> Float[np.ndarray, "s m"]:
+    """Return the negative logarithm of the number of θ noticeably better than each, plus 4, (s, m).
+
+    Halving the number of better θ is worth the same everywhere, from a poor θ to the very best.
+    """
+    better = np.empty(costs.shape, dtype=np.int64)
+    for found, row in zip(better, costs, strict=True):
+        order = np.argsort(row)  # what increases is searched for in a third of the time
+        found[order] = np.searchsorted(row[order], row[order] - 1.0)
+    # 3 more: which of the very first ranks a θ has is chance, docs/research/screening.md.
+    return np.asarray(-np.log(better + 3.0 + 1.0))
+
+
+def expected_best(costs: Float[np.ndarray, "s m"], best: int | None) -> Float[np.ndarray, " m"]:
+    """Return the expected worth of the better one of each θ and the best so far, shape (m,).
+
+    The answer decides which of both is kept, so the θ with the largest value is the one to show.
+    Where the person would not notice that it is better, it is kept by chance, and counts nothing.
+
+    Source: Z. J. Lin et al., "Preference exploration for efficient Bayesian optimization with
+    multiple outcomes" (2022): the expected utility of the best option.
+    Deviation: the utility is the logarithm of the rank, since a draw of the cost has no unit.
+
+    Args:
+        costs: Cost of each θ in each draw, shape (s, m).
+        best: Row of the best one so far; None if nothing was shown.
+    """
+    found = worth(costs)
+    if best is not None:
+        found = np.where(costs < costs[:, [best]] - 1.0, found, found[:, [best]])
+    return np.asarray(found.mean(axis=0))
+
+
+# Probability of being noticeably better than the best by the answers, above which an experiment takes its
+# place. With 0.5, people who never err lose (1,292 instead of 1,478 after ten answers), and with 0.9 those
+# who are wrong every fifth time (423 instead of 614 after twenty): docs/research/screening.md.
+_DOUBT = 0.75
+# From this probability on that the person hardly follows the KPIs, nothing takes the place of what won: it is
+# the one before any answer. People whose taste KPIs hardly explain end better so (docs/research/people.md).
+_LOOSE = REAL[-1][1]
+
+
+def overtaking(better: Float[np.ndarray, " n"], loose: float, history: History) -> Float[np.ndarray, " n"]:
+    """Return how probably each sample is noticeably better than the best by the answers, (n,).
+
+    It is 0 where the probability is 0.75 or less, for runs that were unsafe or cut short, and for all
+    samples if `loose` is 0.25 or more, as before any answer.
+
+    Args:
+        better: That probability by the draws, shape (n,).
+        loose: Probability that the person hardly follows the KPIs, see `Utilities.loose`.
+        history: Samples and answers.
+    """
+    found = np.where((better > _DOUBT) & (loose < _LOOSE), better, 0.0)
+    # An unsafe run never leads, and the KPIs of one that was cut short are bounds, not values.
+    found[[*history.unsafe, *history.cut_short]] = 0.0
+    return found

@@ -424,7 +424,7 @@ def outlook(
             returns whether going further is expected to help.
     """
     swings = "The loop of the best experiment is not stable." if unstable else ""
-    why = " ".join(filter(None, (swings, _missed(missed, limiting, keeping), _unreached(never, reached))))
+    why = " ".join(filter(None, (swings, _missed(missed, limiting, keeping), _say_unreached(never, reached))))
     ends = [
         (knob, up)
         for knob, up in at_end(space, best)
@@ -487,7 +487,7 @@ def begin_with(named: Mapping[str, Experiment], space: KnobSpace, limited: Seque
     return f"{name} misses none: to begin with it, repeat the command of the study with {start}"
 
 
-def _unreached(never: Sequence[str], reached: Sequence[int]) -> str:
+def _say_unreached(never: Sequence[str], reached: Sequence[int]) -> str:
     """Return which KPIs are infinite even in the best experiment, and which others reached them; or ""."""
     if not reached or not never:
         return f"Not even the best experiment has a finite {join_words(never)}." if never else ""

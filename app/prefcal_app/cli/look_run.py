@@ -170,26 +170,23 @@ _VERDICTS = {"y": True, "n": False}
 
 @contextmanager
 def _bars() -> Iterator[Progress]:
-    """Yield a function of the number of runs that arrived and of all, for a bar of them.
-
-    Where some fail, there are more batches, which share a second bar.
-    """
+    """Yield a function of the number of runs that arrived and of all, for a bar, and one of further runs."""
     columns = bar.TextColumn("{task.description}"), bar.BarColumn(), bar.MofNCompleteColumn()
     times = bar.TimeElapsedColumn(), bar.TimeRemainingColumn()
     display = bar.Progress(*columns, *times, console=Console(stderr=True, emoji=False))
-    done, batch = 0, (0, 0)  # runs of batches that ended; runs that arrived of this one, and all of it
+    planned = 0
 
     def tell(arrived: int, total: int | None) -> None:
-        nonlocal done, batch
+        nonlocal planned
         if not display.task_ids:  # not before: an error of the first steps is one line
             display.start()
             display.add_task("varied runs")
-        elif arrived <= batch[0]:  # another batch has begun
-            done += batch[1] if len(display.task_ids) > 1 else 0
-            if len(display.task_ids) == 1:
-                display.add_task("task as stated, other tunings")
-        batch = arrived, total or 0
-        display.update(display.task_ids[-1], completed=done + arrived, total=done + batch[1])
+            planned = total or 0
+        further = (total or 0) > planned
+        if further and len(display.task_ids) == 1:
+            display.add_task("task as stated, other tunings")
+        before = planned * further
+        display.update(display.task_ids[-1], completed=arrived - before, total=(total or 0) - before)
 
     try:
         yield tell

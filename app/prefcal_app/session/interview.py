@@ -168,7 +168,7 @@ class Known:
             state,
             missed=missed,
             never=[k.title for k in never],
-            reached=self._reached([k.name for k in never]),
+            reached=self._list_reaching([k.name for k in never]),
             unstable=self.unstable,
             limiting=limiting_input(best) if lacks else "",
             keeping=self._keeping() if missed else "",
@@ -187,19 +187,19 @@ class Known:
     def _keeping(self) -> str:
         """Return which experiment that was answered about, or reference, misses no objective, and its θ."""
         limited = [k for k in self._scenario().shown_kpis if k.met(0.0) is not None]
-        named = {f"experiment {k + 1}": each for k, each in self._answered().items()}
+        named = {f"experiment {k + 1}": each for k, each in self._find_answered().items()}
         return begin_with({**named, **self.references}, self._scenario().space, limited)
 
-    def _answered(self) -> dict[int, Experiment]:
+    def _find_answered(self) -> dict[int, Experiment]:
         """Return the experiments that were answered about, by number."""
         driver = self._driver
         with driver.changed:
             known = [k for k in list_shown(driver.state) if k < driver.state.history.answered]
             return {k: driver.store.experiment(k) for k in known}
 
-    def _reached(self, kpis: Sequence[str]) -> list[int]:
+    def _list_reaching(self, kpis: Sequence[str]) -> list[int]:
         """Return the numbers of the experiments, from 1, in which all KPIs of these names are finite."""
-        found = self._answered().items() if kpis else ()
+        found = self._find_answered().items() if kpis else ()
         return [k + 1 for k, each in found if np.isfinite([each.kpis.get(n, np.inf) for n in kpis]).all()]
 
     def _helps(self, knob: int, upper: bool) -> bool:

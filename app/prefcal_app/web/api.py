@@ -270,8 +270,8 @@ class Verifying:
     def __init__(self, reports: Reports) -> None:
         self._reports, self._lock = reports, threading.Lock()
         self._thread: threading.Thread | None = None
-        self._stopped, self._problem = False, ""
-        self._done = self._planned = self._ended = 0  # runs, of all batches, and of those that ended
+        self._stopped = False
+        self._done, self._planned, self._problem = 0, 0, ""
 
     def start(self) -> None:
         """Start, unless it runs or there is no report."""
@@ -279,8 +279,7 @@ class Verifying:
         with self._lock:
             if self.running or folder is None:
                 return
-            self._done = self._planned = self._ended = 0
-            self._problem, self._stopped = "", False
+            self._done, self._planned, self._problem, self._stopped = 0, 0, "", False
             self._thread = threading.Thread(target=self._verify, args=(folder,), name="verify", daemon=True)
             self._thread.start()
 
@@ -344,9 +343,7 @@ class Verifying:
             self._problem = f"the code of the scenario called exit: {error}"
 
     def _progress(self, done: int, planned: int | None) -> None:
-        if self._ended + done <= self._done:  # another batch has begun, of what is run where some fail
-            self._ended = self._planned
-        self._done, self._planned = self._ended + done, self._ended + (planned or 0)
+        self._done, self._planned = done, planned or 0
         if self._stopped:
             raise KeyboardInterrupt  # which a verification takes as its early end
 

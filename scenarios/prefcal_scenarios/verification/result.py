@@ -220,7 +220,7 @@ class Verification:
         """Return how many runs hold with the task as stated, and what was left out of what varies."""
         count, said = len(self.as_stated), ""
         if count:
-            kept = sum(not run.problems for run in self.as_stated)
+            kept = count_kept(self.as_stated)
             said = f"; at {self.stated}, {kept} of the same {count} hold"
             if count < len(self.runs):
                 first = "" if count == len(self.failed) else "first "
@@ -266,7 +266,7 @@ class Verification:
     @property
     def apart(self) -> str:
         """Return how many random runs do not count, and where no input can hold their plants."""
-        kept = sum(not run.problems for run in self.unheld)
+        kept = count_kept(self.unheld)
         varied, said = {f.name for f in self.factors}, list[str]()
         found = [run.unheld for run in self.unheld if run.unheld]
         for channel in self.inputs:
@@ -617,6 +617,11 @@ def _excess(kpi: KPI | None, run: VerifiedRun) -> float:
     value = run.kpis[kpi.name]
     limit = kpi.at_most if value > kpi.at_most else kpi.at_least
     return float(abs(value - limit) / (abs(limit) or 1.0))
+
+
+def count_kept(runs: Iterable[VerifiedRun]) -> int:
+    """Return how many runs keep the stated limits."""
+    return sum(not run.problems for run in runs)
 
 
 def breakable(kpis: Iterable[KPI]) -> list[KPI]:

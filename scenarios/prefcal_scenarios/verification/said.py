@@ -29,7 +29,7 @@ from prefcal_scenarios.wording import (
 )
 
 from .loop_margins import has_poor_margins, margins_said
-from .result import CONFIDENCE, Effect, Robustness, Verification, VerifiedRun
+from .result import CONFIDENCE, Effect, Robustness, Verification, VerifiedRun, count_kept
 
 # --- What a verification leaves beside its best.json, as plain data for people and programs.
 
@@ -167,7 +167,7 @@ class Verified:
             kpis=tuple(_kpi_row(kpi, both) for kpi in found.kpis),
             margins=margins[0],
             basis=margins[1],
-            effects=tuple(_effect(each, found) for each in _ordered(found)),
+            effects=tuple(_effect(each, found) for each in _order_effects(found)),
             worst=tuple(_worst(found)),
             varied=tuple((f.name, _range(f), _kind(f, found.idle)) for f in found.factors),
             left_out=(*found.left_out, *found.set_apart),
@@ -259,7 +259,7 @@ def _compare_before(found: Verification, baseline: str) -> str:
     if not old:
         left = baseline and new and found.before is None
         return f" Stopped before the {baseline} ran on these plants." if left else ""
-    held, now = (_kept(runs[: len(old)]) for runs in (old, new))
+    held, now = (count_kept(runs[: len(old)]) for runs in (old, new))
     fewer = f"; after: {now} of these {len(old)}" if len(old) < len(new) else ""
     return f" Before ({baseline}): {held} of {len(old)} of the same plants{fewer}."
 
@@ -298,7 +298,7 @@ def _before(found: Verification, baseline: str, *, alone: bool) -> str:
         return f"look at {name}: {holds}, but its nominal loop {poor}" if poor else f"take {name}: {holds}"
     if not alone or not _better(found, found.before):
         return ""
-    old, new = (_kept(each[: len(runs)]) for each in (runs, found.runs))
+    old, new = (count_kept(each[: len(runs)]) for each in (runs, found.runs))
     # The study began there: to begin there once more would end as it did.
     return f"{name} holds in {old - new} more of the same {len(runs)} runs ({old} instead of {new}): keep it"
 
@@ -325,31 +325,29 @@ def _widened(found: Verification) -> Iterator[str]:
         yield f"only a larger range of {name}, or less that varies (--range), helps the plants not counted"
 
 
-def _kept(runs: Sequence[VerifiedRun]) -> int:
-    return sum(not run.problems for run in runs)
-
-
 def _other(found: Verification, scenario: Scenario, robust: bool) -> str:
     """Return with which tuning to begin the next study, since it holds on more of the plants; or ""."""
     best, before = found.others.best if found.others else None, found.before
-    if best is None or not _better(found, best) or (before and _kept(before.runs) >= _kept(best.runs)):
+    if best is None or not _better(found, best):
+        return ""
+    held, count, old = count_kept(best.runs), len(best.runs), count_kept(before.runs) if before else -1
+    if old >= held:
         return ""
     names = [name for name, theta in scenario.references.items() if np.array_equal(theta, best.theta)]
     which = f"the tuning {names[0]}" if names else "a tuning that was tried"
-    lost = len(best.runs) - _kept(best.runs)
-    few = lost <= _FEW * len(best.runs)  # a robust study looks for one that holds in all of its runs
-    even = "" if few else f". Even with it, {lost} fail: {' or '.join(_ways(found))}".removesuffix(": ")
-    old = f", the tuning before in {_kept(before.runs)}" if before else ""
-    start = _started(scenario, best, few and not robust)
+    few = count - held <= _FEW * count  # a robust study looks for one that holds in all of its runs
+    even = "" if few else f". Even with it, {count - held} fail"
+    known = f", the tuning before in {old}" if before else ""
+    start = _start_options(scenario, best, few and not robust)
     return (
-        f"{which} holds in {_kept(best.runs)} of the same {len(best.runs)} runs, this one in "
-        f"{_kept(found.runs)}{old}{_nominal_changes(found, best)}. To see it and search on from it, repeat "
-        f"the command of the study with {start}. What that study finds may hold in fewer runs than its "
-        f"start: verify its result, which counts both{even}"
+        f"{which} holds in {held} of the same {count} runs, this one in {count_kept(found.runs)}{known}"
+        f"{_nominal_changes(found, best)}. To see it and search on from it, repeat the command of the study "
+        f"with {start}. What that study finds may hold in fewer runs than its start: verify its result, "
+        f"which counts both{even}"
     )
 
 
-def _started(scenario: Scenario, tuning: Robustness, robust: bool) -> str:
+def _start_options(scenario: Scenario, tuning: Robustness, robust: bool) -> str:
     """Return the options of a study from a tuning on, perhaps one that looks for room on other plants."""
     start = ["--start", typed_theta(scenario.space, tuning.theta.tolist())]
     return (
@@ -386,7 +384,7 @@ def _nothing_else(found: Verification, scenario: Scenario, robust: bool) -> str:
         what = "is stable" if tried.able else "does even nominally what is asked"
         none = f"of {tried.count} other tunings that were tried, none {what}"
         return f"{due}{none}, which proves nothing of others"
-    counts = f"the best in {_kept(tried.best.runs)}, this one in {_kept(found.runs)}"
+    counts = f"the best in {count_kept(tried.best.runs)}, this one in {count_kept(found.runs)}"
     said = (
         f"{due}none of {tried.count} other tunings that were tried holds in more of the same "
         f"{len(found.runs)} runs, beyond chance ({counts})"
@@ -394,7 +392,7 @@ def _nothing_else(found: Verification, scenario: Scenario, robust: bool) -> str:
     # Where none is near one that holds, where to begin is no matter; and to repeat a robust study is none.
     if robust or 2 * len(found.failed) > len(found.runs):
         return said
-    start = _started(scenario, found.tuning, robust=True)
+    start = _start_options(scenario, found.tuning, robust=True)
     return f"{said}. To look further, repeat the command of the study with {start}"
 
 
@@ -429,7 +427,7 @@ def _kind(factor: Factor, idle: Collection[str]) -> str:
     return f"{said}, no effect alone" if factor.name in idle else said
 
 
-def _ordered(found: Verification) -> list[Effect]:
+def _order_effects(found: Verification) -> list[Effect]:
     """Return the effects as people read them: what more than doubles a KPI is among those shown first.
 
     Limits that somebody states say nothing of noise that moves a valve ten times as much.

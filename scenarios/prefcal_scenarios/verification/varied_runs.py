@@ -25,7 +25,7 @@ from prefcal_scenarios.runs import FailedRun, HasKPIs, Progress, processes_kept,
 from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
 
 from .loop_margins import UNKNOWN, margins_at
-from .result import RANGE_0, Others, Robustness, Verification, VerifiedRun, problems_of
+from .result import RANGE_0, Others, Robustness, Verification, VerifiedRun, count_kept, problems_of
 
 # --- The perturbed runs of a candidate in a robust study: which there are, and how many keep the limits.
 
@@ -127,7 +127,7 @@ RIVALS = 60
 """Other tunings: if none of them holds, less than 5 % of all do, with 95 % confidence. So many runs that fail
 are tried with the task as stated before all are."""
 _AROUND, _STEPS = 20, 5
-"""Other tunings near the verified one or the best of others; most searches near the best."""
+"""Other tunings of a search near the verified one, or near the best of others; and most of these searches."""
 _TURNED = 10  # random tunings that say whether the nominal plant can do a turned step or load at all
 _HANGS = 3.0  # times the longest other wait, after which a run that is stopped counts as not ended
 _QUICK = 2.0  # seconds of simulation that are not worth starting other processes
@@ -167,7 +167,7 @@ def verify(
         jobs: Number of processes; None for all cores, or this process if all runs are quick.
         timeout: Time limit of each run in seconds; None for an hour in other processes. With one, no run
             happens in this process, so that none can end it.
-        progress: As for `simulate_many`.
+        progress: As for `simulate_many`; the number of all runs grows where some fail, since more follow.
         clock: Returns the time in seconds, for how quick a run is.
 
     Raises:
@@ -188,7 +188,7 @@ def verify(
     if jobs is None and timeout is None and _seconds(found, thetas[0], clock) * len(cases) <= _QUICK:
         jobs = 1
     limit = timeout if timeout is not None or jobs == 1 else DEFAULT_LIMIT  # a varied plant may never end
-    many = partial(_done, jobs=jobs, timeout=limit, progress=progress, clock=clock)
+    many = partial(_done, jobs=jobs, timeout=limit, progress=_count_on(progress), clock=clock)
     done = many(Variations(known.at, thetas, cases, noted=True))
     made = [_run(found, tunings[0].nominal, c, each) for c, each in zip(cases, done, strict=False)]
     tunings, apart = _apart(known, tunings, made[:runs], made[runs + 2 * len(factors) :])
@@ -468,6 +468,22 @@ def _done(
     return done
 
 
+def _count_on(progress: Progress | bool) -> Progress | bool:
+    """Return a function that counts the runs of all batches, which `progress` would count anew each."""
+    if isinstance(progress, bool):
+        return progress
+    done = batch = arrived_before = 0
+
+    def tell(arrived: int, total: int | None) -> None:
+        nonlocal done, batch, arrived_before
+        if arrived <= arrived_before:  # another batch has begun
+            done += batch
+        arrived_before, batch = arrived, total or 0
+        progress(done + arrived, done + batch)
+
+    return tell
+
+
 def _numbered(varied: Variations) -> tuple[Scenario, list[Float[np.ndarray, " 1"]]]:
     """Return a scenario whose θ are the numbers of cases, and these."""
     count = len(varied.cases)
@@ -538,7 +554,7 @@ class _Trials:
         good = [run for run in self.verified.runs if not run.problems]
         telling = [run for pair in zip_longest(self.verified.failed, good) for run in pair if run]
         made = self.on(tunings, telling[:plants]) if tunings else []
-        return sorted(made, key=_failures)[:count]
+        return sorted(made, key=lambda t: -count_kept(t.runs))[:count]
 
     def near(self, theta: Theta, spread: float, generator: np.random.Generator) -> list[Theta]:
         """Return tunings near a physical θ, shape (n,), with a standard deviation in the unit cube."""
@@ -550,10 +566,6 @@ class _Trials:
         """Return the physical tunings of points of the unit cube, those that the constraints allow."""
         thetas = self.scenario.space.proposals(z)[1]
         return list(thetas[self.scenario.space.allows(thetas)])
-
-
-def _failures(tuning: Robustness) -> int:
-    return sum(bool(run.problems) for run in tuning.runs)
 
 
 def _look_further(trials: _Trials) -> Verification:
@@ -607,7 +619,9 @@ def _try_others(trials: _Trials) -> Others:
         center = (left[0] if left else nearest).theta
         around = trials.nominally(trials.near(center, 0.08, generator))
         tried, able = [*tried, *around], trials.able(around)
-        left = sorted([*left, *trials.best(trials.best(able, 6, 6), 24, 3)], key=_failures)
+        left = sorted(
+            [*left, *trials.best(trials.best(able, 6, 6), 24, 3)], key=lambda t: -count_kept(t.runs)
+        )
         if left and step:
             break
     stable = ((t, margins_at(trials.known, t.theta)) for t in trials.best(left[:6], RIVALS, 6))

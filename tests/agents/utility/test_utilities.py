@@ -247,6 +247,19 @@ def test_a_difference_is_noticed_from_1_on():
     assert notice_chance(np.array([-5.0, 0.0, 1.0, 2.0, 1e30])) == pytest.approx([0, 0, 0.5, 1, 1], abs=0.002)
 
 
+def test_what_some_draws_say_of_answers_is_to_the_bit_what_all_say():
+    bank = random_bank()
+    some, rows = drawn(scale_of(bank)), np.array([3, 299, 7, 3])
+    rng = np.random.default_rng(4)
+    better, worse = rng.integers(len(bank), size=(2, 90))
+    apart = some.differences(some.levels(scale_of(bank)(bank)), better, worse)
+    tie = rng.random(90) < 0.2
+    whole = some.gain(apart)
+    assert np.array_equal(some.gain(apart, some.weights, rows), whole[rows])
+    assert np.array_equal(some.log_answers(whole[rows], tie, rows), some.log_answers(whole, tie)[rows])
+    assert np.ptp(whole[rows], axis=0).min() > 0, "draws differ, so that a mix-up would show"
+
+
 def test_an_answer_is_as_probable_as_its_difference_is_noticed():
     gains = np.array([-5.0, 1.0, 3.9, 4.1, 50.0, 0.0, 50.0])
     tie = np.array([False] * 5 + [True] * 2)

@@ -122,11 +122,11 @@ def test_experiments_in_which_a_kpi_is_finite_are_known_by_number(chances):
     interview = explained(screening(replace(simulated, run=settle, kpis=kpis), n_max=4))
     while interview.now().phase is not Phase.OVER:
         answered(interview, Choice.LEFT)
-    shown = interview.known._answered()
+    shown = interview.known._find_answered()
     finite = [k + 1 for k, each in shown.items() if each.theta[0] <= 0.46]
-    assert interview.known._reached(["ts", "final"]) == finite
+    assert interview.known._list_reaching(["ts", "final"]) == finite
     assert 0 < len(finite) < len(shown)
-    assert interview.known._reached([]) == interview.known._reached(["ts", "unknown"]) == []
+    assert interview.known._list_reaching([]) == interview.known._list_reaching(["ts", "unknown"]) == []
 
 
 def test_an_error_leaves_the_question_and_is_not_tried_forever(monkeypatch):

@@ -67,15 +67,6 @@ def page(room):
     return make_room(room.interview)
 
 
-def test_runs_of_later_batches_are_counted_on(page):
-    verifying, seen = api.Verifying(page.reports), []
-    for arrived, total in ((1, 2), (2, 2), (1, 4), (4, 4), (3, 5)):
-        verifying._progress(arrived, total)
-        told = verifying.view()
-        seen.append((told["done"], told["planned"]))
-    assert seen == [(1, 2), (2, 2), (3, 6), (6, 6), (9, 11)]
-
-
 def test_one_verification_runs_at_a_time_and_its_result_is_shown_and_judged(page, folder, runs):
     go, counted = runs
     page.reports.folder = folder

@@ -212,7 +212,7 @@ def test_beside_some_failed_runs_stands_what_to_do_next():
     often = replace(found.others, best=replace(best, runs=(*bad, *best.runs[11:])))
     (other,) = Verified.of(replace(new, others=often), replace(SPRING, simulated=True), "", "1.0", "").advice
     assert "with --start gain=" in other
-    assert other.endswith("counts both. Even with it, 11 fail: change the controller or relax a limit")
+    assert other.endswith("counts both. Even with it, 11 fail")
     (relax,) = Verified.of(replace(found, others=None), SPRING, "", "1.0", "").advice
     assert relax == (
         f"relax the limit of weight: with ≤ {heaviest:.4g} in place of ≤ 2.1, 200 of these 200 runs hold; as "
@@ -756,12 +756,12 @@ def test_a_run_that_hangs_when_all_are_stopped_is_one_that_does_not_keep_the_lim
 
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_ctrl_c_while_failed_runs_run_again_starts_no_other_ones(count):
-    """The runs themselves are one count; those that failed another; then the rest; then other tunings."""
+    """The runs themselves are counted; then those that failed; then the rest; then other tunings."""
     counts = []
 
     def stop(arrived, total):
-        counts[len(counts) :] = [total] if arrived == 1 else []
-        if len(counts) == count + 1 and arrived == 2:
+        counts[len(counts) :] = [total] if total not in counts else []
+        if len(counts) == count + 1 and arrived == counts[-2] + 2:
             raise KeyboardInterrupt
 
     kpis = (KPI("weight", "weight", at_most=2.3),)
@@ -769,7 +769,7 @@ def test_ctrl_c_while_failed_runs_run_again_starts_no_other_ones(count):
     found = verify(tracking, THETA, 100, jobs=1, progress=stop)
     failed = len(found.failed)
     assert failed > 2
-    assert counts[1:] == [failed, 100 - failed, 60 + 20][:count], "Ctrl-C ends all that follows"
+    assert np.diff(counts).tolist() == [failed, 100 - failed, 60 + 20][:count], "Ctrl-C ends all that follows"
     assert len(found.as_stated) == [0, 0, 100][count - 1]
     assert found.others is None
 
