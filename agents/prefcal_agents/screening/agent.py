@@ -268,7 +268,7 @@ class Screening(Simulating):
     `simulate`, are none.
     """
 
-    version: ClassVar[int] = 7
+    version: ClassVar[int] = 8
 
     def _prepare(self) -> None:
         self._evidences = Remembered(self._evidence_after)
@@ -353,7 +353,8 @@ class Screening(Simulating):
 
         One wrong answer can cost the best experiment its place. All answers and the KPIs together
         give it back without a question, unless the person hardly follows the KPIs: then what won
-        stays. In a robust study the best one that holds takes the place of one that does not.
+        stays. In a robust study the best one that holds takes the place of one that does not; if none
+        holds, the best of those that keep the limits in most perturbed runs, beyond chance.
         """
         best = history.by_answers
         if best is None or len(history.lessons) < 2 or self._simulations is None:
@@ -364,6 +365,8 @@ class Screening(Simulating):
         loose = float(stage.utilities.loose.mean())
         if self.simulations.holds is not None:
             held = self.simulations.held(stage.bank, rows)
+            if not held.any():
+                held = self.simulations.steadiest(stage.bank, rows) > 0
             better = better * held
             if not held[best]:
                 # All that hold are rivals, for any person; the one with the largest worth leads.
@@ -426,10 +429,12 @@ class Screening(Simulating):
 
         It is one of those that promise most, and one that never reaches something, which holds easily,
         only if it promises more than all others: if there is none, one that does not hold teaches
-        more. The last questions look at all θ, those of the largest worth first.
+        more. The last questions look at all θ, those of the largest worth first, and if none holds,
+        at those that keep the limits in most perturbed runs.
         """
         most, rest = np.split(order[allowed[order]], [LOOK])
-        if self.n_max - history.answered <= _LAST:
+        last = self.n_max - history.answered <= _LAST
+        if last:
             by_worth = np.argsort(-self.growth.worth(history.past).mean(axis=0)[rest], kind="stable")
             most = np.append(most, rest[by_worth])
         else:
@@ -438,7 +443,8 @@ class Screening(Simulating):
         for row in most:
             if self._holds(stage.bank, row):
                 return np.append(row, order[order != row])
-        return order
+        steady = most[self.simulations.steadiest(stage.bank, most) > 0] if last else most[:0]
+        return np.append(steady, order[~np.isin(order, steady)])
 
     def _poor_beginning(self, stage: Stage, row: int | None) -> Int[np.ndarray, " m"]:
         """Return how little each θ suits the first comparison, 0 is best, shape (m,).

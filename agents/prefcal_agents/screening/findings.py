@@ -23,6 +23,7 @@ from prefcal_env.errors import StudyError
 from prefcal_env.plain import from_plain, to_plain
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.history import History
+from prefcal_env.sources.varied import holds_more
 
 from .agent import Certificate, Screening
 from .bank import ENOUGH, Stage
@@ -42,7 +43,7 @@ class Reason:
         better_in: Names of the KPIs in which it is better than the best so far, the one that
             matters most first.
         worse_in: Names of those in which it is worse, likewise.
-        kept: In a robust study, how many perturbed runs keep the limits before one does not.
+        kept: In a robust study, how many of `ENOUGH` perturbed runs keep the limits.
     """
 
     chance: float
@@ -56,7 +57,8 @@ class RobustResult:
     """How the best θ of a robust study holds, and what that costs nominally.
 
     Args:
-        kept: How many perturbed runs keep the limits before one does not.
+        kept: How many of `ENOUGH` perturbed runs keep the limits.
+        most: How many another simulated θ keeps, if that is more, beyond chance; else 0.
         costs: KPIs in which another θ is better that promises most, but does not hold, what matters
             most first; each with the value of the best θ and of that one, as agents know them.
         outdone: Whether it does not hold since it misses more limits nominally than a simulated θ does.
@@ -67,6 +69,7 @@ class RobustResult:
     costs: tuple[tuple[str, float, float], ...] = ()
     outdone: bool = False
     among: bool = False
+    most: int = 0
 
 
 def reason_for(stage: Stage, new: int, best: int, history: History) -> Reason:
@@ -148,7 +151,7 @@ class Findings:
         trend: How expected worth grows along each knob near the best; None before an answer that
             teaches, and among given candidates, whose order means nothing.
         certificate: What can be said of the best so far; None while nothing can.
-        kept: In a robust study, how many perturbed runs the best so far keeps before it loses one.
+        kept: In a robust study, how many of `ENOUGH` perturbed runs of the best so far keep the limits.
         stakes: Chance that the answer to the open question changes the best; None without one.
         influences: What the result would be if each answer were the other way round.
         best: Sample that is the result; None before any answer.
@@ -259,7 +262,7 @@ def _explain_query(agent: Screening, empty: Findings) -> Findings:
         along = tuple(trend(stage.bank.z, agent.growth.worth(history.past).mean(axis=0), best).tolist())
     kept = None
     if agent.simulations.holds is not None:
-        kept = int(agent.simulations.runs_kept(stage.bank.thetas[[best]])[0])
+        kept = int(agent.simulations.runs_kept(stage.bank.thetas[best]).sum())
     return replace(found, chance_of_better=float(likely.max()), trend=along, kept=kept)
 
 
@@ -274,7 +277,7 @@ def _reason(agent: Screening, stage: Stage) -> Reason | None:
     found = reason_for(stage, new, best, agent.history)
     if agent.simulations.holds is None:
         return found
-    return replace(found, kept=int(agent.simulations.runs_kept(stage.bank.thetas[[new]])[0]))
+    return replace(found, kept=int(agent.simulations.runs_kept(stage.bank.thetas[new]).sum()))
 
 
 def _explain_result(agent: Screening, known: Findings) -> Findings:
@@ -321,12 +324,19 @@ def _menu(agent: Screening, stage: Stage, past: History, best: int) -> tuple[Alt
 
 def _robustness(agent: Screening, stage: Stage, past: History, best: int) -> RobustResult:
     # The price of holding alone: compare with what promises most of what keeps the limits nominally.
-    bank, eligible = stage.bank, agent.simulations.eligible(stage.bank)
+    bank, simulations = stage.bank, agent.simulations
+    eligible = simulations.eligible(bank)
     rival = int(np.argmax(np.where(eligible, agent.growth.worth(past).mean(axis=0), -np.inf)))
-    kept, other = agent.simulations.runs_kept(bank.thetas[[best, rival]]).tolist()
-    whole = not agent.simulations.reading.missed(bank.names, bank.kpis[[best]])[0]
+    runs = simulations.runs_kept(bank.thetas[best])
+    kept = int(runs.sum())
+    whole = not simulations.reading.missed(bank.names, bank.kpis[[best]])[0]
     found = RobustResult(kept, outdone=bool(~eligible[best]), among=whole and bool(~eligible.all()))
-    if rival == best or other == ENOUGH or found.outdone:
+    if kept < ENOUGH:
+        counts = simulations.steadiest(bank, np.arange(len(bank)))
+        top = int(counts.argmax())
+        more = holds_more(simulations.runs_kept(bank.thetas[top]), runs)
+        return replace(found, most=int(counts[top])) if more else found
+    if rival == best or found.outdone or simulations.held(bank, np.array([rival]))[0]:
         return found
     names = reason_for(stage, rival, best, past).better_in
     pairs = bank.kpis[[best, rival]][:, [bank.names.index(name) for name in names]].T.tolist()

@@ -212,12 +212,13 @@ def kept(smaller: SmallerChange | None, scenario: Scenario) -> str:
 
 _VARIED = "with varied plants (not sensors, actuators or task)"
 """What varies, beside each count of runs: `prefcal verify` varies more, and may count fewer that hold."""
+_NONE_MORE = "No simulated θ was found that does in more, beyond chance,"
 
 
 def _held(
     kept: int, which: str, scenario: Scenario, nominal: Experiment | None, *, outdone: bool = False
 ) -> str:
-    """Return how many perturbed runs keep the limits that the nominal one meets before one does not.
+    """Return how many perturbed runs keep the limits that the nominal one meets.
 
     Where there is none, it says what was asked instead, as `prefcal verify` does. If the nominal run is
     not known, it names no limit. What is `outdone` does not hold, see `RobustResult`.
@@ -244,7 +245,7 @@ def _held(
         if kept >= ENOUGH:
             first = f"does not hold: it misses {join_words(missed)} already nominally. It " if missed else ""
             return f"{which} {first}keeps {those} in all {ENOUGH} runs {_VARIED}."
-        lost = f"keep {those}"
+        keeps = f"it keeps {those} in {kept} of {ENOUGH} runs {_VARIED}"
     else:
         none = "it meets no stated limit nominally" if limited else "no limit is stated"
         reach = "safely and reach what the nominal run reaches"
@@ -253,9 +254,8 @@ def _held(
             return f"{which} does not hold: it meets no stated limit.{left} {ends}"
         if kept >= ENOUGH:
             return f"{which} holds: all {ENOUGH} runs {_VARIED} end {reach} ({none})."
-        lost = f"end safely, or does not reach what the nominal run reaches ({none})"
-    first = f"of the runs {_VARIED}, number {kept + 1} is the first that does not"  # no share: they end there
-    return f"{which} does not hold: {first} {lost}.{left}"
+        keeps = f"{kept} of {ENOUGH} runs {_VARIED} end {reach} ({none})"
+    return f"{which} does not hold: {keeps}.{left}"
 
 
 def _perturbed(scenario: Scenario) -> str:
@@ -273,8 +273,10 @@ def _perturbed(scenario: Scenario) -> str:
 def robust(found: RobustResult, scenario: Scenario, nominal: Experiment | None = None) -> Iterator[str]:
     """Yield how the result, whose nominal run may be known, holds and what that costs, a sentence each."""
     yield _held(found.kept, "The result", scenario, nominal, outdone=found.outdone)
-    if found.kept < ENOUGH:
-        return  # nothing was paid
+    if found.kept < ENOUGH:  # nothing was paid
+        more = f"Another simulated θ does in {found.most}" if found.most else _NONE_MORE
+        yield f"{more} of the same runs."
+        return
     yield _perturbed(scenario)
     missed = nominal is not None and any(k.met_by(nominal) is False for k in scenario.kpis)
     if found.outdone or missed:

@@ -7,14 +7,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.special import betainc
 
 from prefcal_env.controllers.margins import UNSTABLE, Margins
 from prefcal_env.disk import digest_of, write_durably
 from prefcal_env.envs.varied_loop import DELAY, LAG, STEPPED
 from prefcal_env.errors import ScenarioError
 from prefcal_env.plain import from_plain, to_plain
-from prefcal_env.sources.varied import Factor, LeftOut, Ranges
+from prefcal_env.sources.varied import Factor, LeftOut, Ranges, holds_more
 from prefcal_scenarios.scenario import KPI, Scenario
 from prefcal_scenarios.wording import (
     comparable,
@@ -29,7 +28,7 @@ from prefcal_scenarios.wording import (
 )
 
 from .loop_margins import has_poor_margins, margins_said
-from .result import CONFIDENCE, Effect, Robustness, Verification, VerifiedRun, count_kept
+from .result import Effect, Robustness, Verification, VerifiedRun, count_kept
 
 # --- What a verification leaves beside its best.json, as plain data for people and programs.
 
@@ -306,16 +305,14 @@ def _before(found: Verification, baseline: str, *, alone: bool) -> str:
 def _better(found: Verification, other: Robustness | None) -> bool:
     """Return whether another tuning holds on more of the same plants, beyond chance.
 
-    That is a sign test of the plants on which one holds and the other does not, at 5 %. A tuning that does
-    not keep nominally what the result keeps is none to go to.
+    A tuning that does not keep nominally what the result keeps is none to go to.
     """
     if other is None or other.margins == UNSTABLE:
         return False
     if found.sound and not replace(found, tuning=other).sound:
         return False
-    kept = [(not a.problems, not b.problems) for a, b in zip(other.runs, found.runs, strict=False)]
-    gained, lost = kept.count((True, False)), kept.count((False, True))
-    return gained > 0 and float(betainc(gained, lost + 1, 0.5)) <= 1 - CONFIDENCE
+    pairs = [(not a.problems, not b.problems) for a, b in zip(other.runs, found.runs, strict=False)]
+    return bool(pairs) and holds_more(*np.array(pairs).T)
 
 
 def _widened(found: Verification) -> Iterator[str]:

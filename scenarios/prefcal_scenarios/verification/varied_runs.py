@@ -9,7 +9,7 @@ from itertools import zip_longest
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from prefcal_env.arrays import integer
 from prefcal_env.controllers.margins import UNSTABLE
@@ -29,8 +29,6 @@ from .result import RANGE_0, Others, Robustness, Verification, VerifiedRun, coun
 
 # --- The perturbed runs of a candidate in a robust study: which there are, and how many keep the limits.
 
-STEPS = (2, 8, 32, 100, 300)
-"""Numbers of runs after which those of a candidate end that has not kept the limits."""
 _APART = 2**40
 """Distance of the seed of the variations: `verify` draws others, so that it can judge what is found."""
 _AGAIN = 20  # plants that are drawn for a perturbed run until one can be held
@@ -74,15 +72,15 @@ class Perturbed(Source):
         return self._source.here.varied()
 
 
-def runs_kept(
+def which_keep(
     many: Callable[[Sequence[Theta]], Sequence[Outcome]],
     reading: Reading,
     thetas: Sequence[Theta],
-    most: int,
+    runs: range,
     *,
     margins: Collection[str] = (),
-) -> list[int]:
-    """Return how many perturbed runs of each θ keep the limits before one does not, at most `most`.
+) -> Bool[np.ndarray, "m r"]:
+    """Return which perturbed runs of each θ keep the limits, shape (m, r).
 
     A run keeps them that ends safely, meets the objectives that the nominal run meets, and reaches
     what that reaches: no KPI is infinite that is finite nominally.
@@ -91,32 +89,25 @@ def runs_kept(
         many: Function that returns the `screened` KPIs of each θ of a `Perturbed`.
         reading: How people read them.
         thetas: Physical θ, each of shape (n,).
-        most: Largest number of runs.
+        runs: Numbers of the runs, from 1 on.
         margins: Names of KPIs that are margins, whose limits are those of the nominal loop alone.
     """
-    nominal, found, left, done = many(thetas), [0] * len(thetas), list(range(len(thetas))), 0
-    for step in [step for step in STEPS if step < most] + [most]:
-        made = many([np.append(thetas[row], k) for row in left for k in range(done + 1, step + 1)])
-        for place, row in enumerate(left):
-            runs = made[place * (step - done) : (place + 1) * (step - done)]
-            found[row] = done + _first_bad(reading, nominal[row], runs, margins)
-        left, done = [row for row in left if found[row] == step], step
-    return found
+    nominal, count = many(thetas), len(runs)
+    made = many([np.append(theta, k) for theta in thetas for k in runs])
+    parts = (made[row * count : (row + 1) * count] for row in range(len(thetas)))
+    kept = [_keep(reading, *both, margins) for both in zip(nominal, parts, strict=True)]
+    return np.array(kept, dtype=np.bool_).reshape(len(thetas), count)
 
 
-def _first_bad(reading: Reading, nominal: Outcome, runs: Sequence[Outcome], margins: Collection[str]) -> int:
-    """Return the number of runs before the first that loses what the nominal one has; or of all.
-
-    It is 0 if that was interrupted, or failed.
-    """
+def _keep(
+    reading: Reading, nominal: Outcome, runs: Sequence[Outcome], margins: Collection[str]
+) -> Bool[np.ndarray, " r"]:
+    """Return which runs lose nothing that the nominal one has; none if that was interrupted, or failed."""
     names = [name for name in nominal if name not in margins]
     rows = [[run.get(name, nominal[name]) if run else np.inf for name in names] for run in runs]
     values = reading.table(names, np.array([[nominal[name] for name in names], *rows]))
     lost = values > [reading.limits.get(name, np.finfo(float).max) for name in names]
-    bad = (lost[1:] & ~lost[0]).any(axis=1)
-    if not np.isfinite(values[0]).any():
-        return 0
-    return int(bad.argmax()) if bad.any() else len(runs)
+    return np.asarray(~(lost[1:] & ~lost[0]).any(axis=1) & np.isfinite(values[0]).any())
 
 
 # --- Run a tuning on varied plants, on all cores.

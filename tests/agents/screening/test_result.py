@@ -162,6 +162,11 @@ def test_a_requested_theta_that_was_not_simulated_says_nothing():
 SPACE = KnobSpace([Knob("gain", 0.0, 1.0), Knob("filter", 0.0, 1.0)])
 
 
+def kept_first(counts, runs):
+    """Which runs of each θ are kept: as many as given, from the first on."""
+    return np.array([[run <= count for run in runs] for count in counts], dtype=bool).reshape(-1, len(runs))
+
+
 class Fast:
     """Faster with a larger gain, of which those above `edge` do not hold for long."""
 
@@ -172,8 +177,8 @@ class Fast:
         gain, filtered = theta
         return {"time": 2.0 - gain, "noise": 1.0 + 0.2 * gain - 0.1 * filtered}
 
-    def holds(self, thetas, most):
-        return [self.kept if theta[0] > self.edge else most for theta in thetas]
+    def holds(self, thetas, runs):
+        return kept_first([self.kept if theta[0] > self.edge else ENOUGH for theta in thetas], runs)
 
 
 class Plain(Fast):
@@ -212,8 +217,38 @@ def test_what_holds_everywhere_is_chosen_as_if_nothing_was_asked():
 
 def test_where_nothing_holds_a_study_goes_on():
     agent = studied(Fast(edge=-1.0, kept=40))
-    assert everything(agent).robustness.kept == 40
+    found = everything(agent).robustness
+    assert (found.kept, found.most) == (40, 0)
     assert len(agent.samples) == 7
+
+
+class Shares(Fast):
+    """Nothing holds in all runs, and the faster, the fewer: beyond a gain of `edge`, hardly any."""
+
+    def holds(self, thetas, runs):
+        chances = [0.98 if theta[0] <= self.edge else 0.3 for theta in thetas]
+        lots = [np.random.default_rng([run, 1]).random() for run in runs]
+        return np.array([[lot < chance for lot in lots] for chance in chances]).reshape(-1, len(runs))
+
+
+def test_where_nothing_holds_in_all_runs_the_result_holds_in_most():
+    for seed in range(3):
+        agent = studied(Shares(), seed)
+        found = everything(agent).robustness
+        assert 0.4 < agent.best[0] <= 0.6, "the fastest of those that keep most"
+        assert (found.kept > 280, found.most) == (True, 0)
+
+
+def test_a_start_that_keeps_more_runs_than_all_that_is_shown_stays_the_result():
+    agent = studied(Shares(edge=0.05), start=[[0.05, 0.5]], n_max=3)
+    assert agent.best[0] <= 0.05
+
+
+def test_a_result_says_if_another_theta_keeps_more_runs():
+    agent = studied(Shares(edge=0.05), start=[[0.5, 0.5], [0.6, 0.5]], n_max=2)
+    found = everything(agent).robustness
+    assert 50 < found.kept < 130
+    assert found.most > 280
 
 
 def test_the_price_is_what_the_best_nominal_one_is_better_in():
@@ -242,8 +277,9 @@ class Limited(Fast):
     def __call__(self, theta):
         return {"time": 2.0 - theta[0], "noise": 1.0 + (theta[0] > self.edge)}
 
-    def holds(self, thetas, most):
-        return [most if theta[0] > self.edge or theta[0] < 0.4 else self.kept for theta in thetas]
+    def holds(self, thetas, runs):
+        good = (theta[0] > self.edge or theta[0] < 0.4 for theta in thetas)
+        return kept_first([ENOUGH if each else self.kept for each in good], runs)
 
 
 def test_what_misses_a_limit_that_others_keep_does_not_hold_however_little_is_left_to_lose(monkeypatch):
@@ -268,8 +304,8 @@ def test_where_no_theta_keeps_all_limits_only_those_that_miss_the_fewest_can_hol
     class Strict(Limited):
         reading = Reading(limits={"noise": 1.1, "time": 0.5})  # nothing is as fast as that
 
-        def holds(self, thetas, most):
-            return [most for _ in thetas]  # who misses both has nothing to lose
+        def holds(self, thetas, runs):
+            return kept_first([ENOUGH for _ in thetas], runs)  # who misses both has nothing to lose
 
     for seed in range(3):
         agent = studied(Strict(), seed)
@@ -281,13 +317,15 @@ def test_where_no_theta_keeps_all_limits_only_those_that_miss_the_fewest_can_hol
 
 def test_a_result_that_misses_a_limit_says_so_if_nothing_that_was_shown_holds():
     class Lost(Limited):
-        def holds(self, thetas, most):
-            return [most if theta[0] > self.edge else self.kept for theta in thetas]
+        def holds(self, thetas, runs):
+            return kept_first([ENOUGH if theta[0] > self.edge else self.kept for theta in thetas], runs)
 
-    agent = studied(Lost())
+    agent = studied(Lost(), start=[[0.7, 0.5], [0.9, 0.5]], n_max=2)
     found = everything(agent).robustness
     assert agent.best[0] > 0.6
     assert (found.kept, found.outdone, found.costs) == (ENOUGH, True, ())
+    kept = everything(studied(Lost())).robustness
+    assert (kept.kept, kept.outdone) == (5, False), "what is stated counts before what varies"
 
 
 def test_a_study_does_not_end_by_itself_while_its_best_does_not_hold(monkeypatch):

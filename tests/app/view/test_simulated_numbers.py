@@ -3,6 +3,7 @@
 import json
 from functools import partial
 
+import numpy as np
 import pytest
 
 from prefcal_agents.screening.agent import Screening
@@ -48,7 +49,9 @@ def test_the_terminal_tells_while_it_waits_and_in_the_status(interview):
 
 
 def test_how_long_a_question_takes_is_said_once_in_the_terminal_and_on_the_page(interview):
-    interview._driver.thoughts.simulator.holds = lambda thetas, most: [most] * len(thetas)
+    interview._driver.thoughts.simulator.holds = lambda thetas, runs: np.ones(
+        (len(thetas), len(runs)), dtype=bool
+    )
     for pace in interview._driver.thoughts.simulator._times.values():
         pace.begin()
         for k in range(21):

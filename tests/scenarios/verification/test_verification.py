@@ -37,7 +37,7 @@ from prefcal_scenarios.verification import verify
 from prefcal_scenarios.verification.loop_margins import margins_at, margins_said, remaining
 from prefcal_scenarios.verification.result import VerifiedRun
 from prefcal_scenarios.verification.said import BEST, FILE, Verified, WorstRun
-from prefcal_scenarios.verification.varied_runs import Perturbed, runs_kept
+from prefcal_scenarios.verification.varied_runs import Perturbed, which_keep
 from prefcal_scenarios.wording import measured
 from support.varied_loops import (
     assert_it_starts_at_rest_where_the_study_does,
@@ -702,14 +702,19 @@ def counted(bad, *, reading=READING, thetas=(0.0,)):
         made.extend(tuple(point.tolist()) for point in points)
         return [bad(point[0], int(point[1]) if len(point) > 1 else 0) for point in points]
 
-    return runs_kept(many, reading, [np.array([theta]) for theta in thetas], 40), made
+    return which_keep(many, reading, [np.array([theta]) for theta in thetas], range(1, 41)), made
 
 
-def test_runs_are_counted_until_one_does_not_keep_the_limits():
+def lost(kept):
+    """The numbers of the runs that do not keep the limits, a list for each θ."""
+    return [(np.flatnonzero(~row) + 1).tolist() for row in kept]
+
+
+def test_each_run_is_judged_by_itself():
     thetas = (0.5, 1.0, 12.0)
     found, made = counted(lambda theta, run: {"time": np.inf if run == theta else 1.0}, thetas=thetas)
-    assert found == [40, 0, 11]
-    assert max(run for theta, run in (p for p in made if len(p) > 1) if theta == 1.0) == 2
+    assert lost(found) == [[], [1], [12]]
+    assert len(made) == 3 * 41, "each nominally and in 40 runs"
 
 
 def test_a_limit_on_a_margin_is_not_judged_again_in_perturbed_runs():
@@ -720,29 +725,32 @@ def test_a_limit_on_a_margin_is_not_judged_again_in_perturbed_runs():
     def many(points):
         return [made[int(point[1]) if len(point) > 1 else 0] for point in points]
 
-    found = [runs_kept(many, reading, theta, 40, margins=each) for each in ((), ["M_s"])]
-    assert found == [[1], [29]]
+    found = [which_keep(many, reading, theta, range(1, 41), margins=each) for each in ((), ["M_s"])]
+    assert [lost(kept) for kept in found] == [[[*range(2, 41)]], [[30]]]
 
 
 def test_a_run_that_failed_or_was_unsafe_does_not_keep_the_limits():
-    assert counted(lambda theta, run: {} if run == 3 else {"time": 1.0})[0] == [2]
-    assert counted(lambda theta, run: {"a": np.inf if run == 5 else 2.0, "b": 1.0})[0] == [4]
+    assert lost(counted(lambda theta, run: {} if run == 3 else {"time": 1.0})[0]) == [[3]]
+    assert lost(counted(lambda theta, run: {"a": np.inf if run == 5 else 2.0, "b": 1.0})[0]) == [[5]]
 
 
 def test_what_never_settles_even_nominally_need_not():
-    assert counted(lambda theta, run: {"time": np.inf, "other": np.inf if run == 9 else 1.0})[0] == [8]
+    found, _ = counted(lambda theta, run: {"time": np.inf, "other": np.inf if run == 9 else 1.0})
+    assert lost(found) == [[9]]
 
 
 def test_what_is_unsafe_nominally_does_not_hold():
-    assert counted(lambda theta, run: {})[0] == [0]
-    assert counted(lambda theta, run: {"time": np.inf, "other": np.inf})[0] == [0]
+    assert not counted(lambda theta, run: {})[0].any()
+    assert not counted(lambda theta, run: {"time": np.inf, "other": np.inf})[0].any()
 
 
 def test_an_objective_is_a_limit_as_people_read_it():
     reading = Reading({"time": 0.1}, {"time": 1.0})
-    assert counted(lambda theta, run: {"time": 0.9 + 0.1 * run}, reading=reading)[0] == [1]
-    assert counted(lambda theta, run: {"time": 1.04}, reading=reading)[0] == [40]
-    assert counted(lambda theta, run: {"time": 1.2}, reading=reading)[0] == [40]
+    assert lost(counted(lambda theta, run: {"time": 0.9 + 0.1 * run}, reading=reading)[0]) == [
+        [*range(2, 41)]
+    ]
+    assert lost(counted(lambda theta, run: {"time": 1.04}, reading=reading)[0]) == [[]]
+    assert lost(counted(lambda theta, run: {"time": 1.2}, reading=reading)[0]) == [[]]
 
 
 FACTORS = (
