@@ -182,7 +182,7 @@ def holds_more(these: Bool[np.ndarray, " r"], those: Bool[np.ndarray, " r"]) -> 
     That is a sign test of the runs in which one of both holds and the other does not, at 5 %.
     """
     gained, lost = np.count_nonzero(these & ~those), np.count_nonzero(those & ~these)
-    return gained > 0 and float(betainc(gained, lost + 1, 0.5)) <= 0.05
+    return bool(gained and betainc(gained, lost + 1, 0.5) <= 0.05)
 
 
 def draw(factors: Sequence[Factor], seed: int, k: int) -> dict[str, float]:

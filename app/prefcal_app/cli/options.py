@@ -2,7 +2,7 @@
 
 import shlex
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
@@ -243,6 +243,17 @@ class Options(Described):
             for name, (_, kept) in kept_by(Options).items()
             if kept.label and (kept.always or self.changed(name))
         }
+
+    def anew(self) -> str:
+        """Return a command line that compares the tuning before, or the result, with one that is to follow.
+
+        A study that is kept also tells the new one what its answers taught.
+        """
+        kept = self.study if self.by_a_person else None
+        start = self.start[:1] or ((f"{kept}:best",) if kept else ())
+        taste = kept if kept and self.agent == "screening" else self.taste
+        robust, first = self.agent in SIMULATING, min(self.n_init, 2)
+        return replace(self, start=start, taste=taste, n_init=first, n_max=2, robust=robust).command()
 
     def command(self) -> str:
         """Return a command line that repeats the study, without its folder."""

@@ -59,6 +59,7 @@ def record_of(interview: Interview, options: Options, references: Mapping[str, E
         n_init=options.n_init,
         n_max=interview.known.n_max,
         command=options.command(),
+        anew=options.anew(),
         surrogate=interview.known.surrogate,
         trust="" if (index := interview.known.index) is None else trust_text(index),
         ended=state.ended or "",

@@ -58,9 +58,9 @@ class BestTuning:
     seed: int  # seed of its experiment, and so of the noise in it
     own: bool  # whether it runs a person's own code, which can do anything
     digest: str  # SHA-256 of the file that it was read from, in hexadecimal digits
-    robust: bool  # whether the study looked for a result that holds on other plants
     source: str  # name that loads the scenario again
     changed: bool  # whether the files of the scenario are others than in the study
+    anew: str  # command line that begins another such study; "" if the file does not say
 
 
 REBUILD = """\
@@ -109,6 +109,7 @@ def best_as_json(record: StudyRecord) -> str:
         "experiments": len(record.trials),
         "complete": not record.stopped,
         "study": {**record.settings, **record.agent_settings},
+        **({"another study": record.anew} if record.anew else {}),
         "versions": versions(),
     }
     content = jsonable(content)
@@ -353,7 +354,6 @@ def tuning_of(path: str | Path) -> BestTuning:
         scenario = replace(scenario, references={**others, **scenario.references})
     kpis = {name: value for name, value in content.get("kpis", {}).items() if is_number(value)}
     source, end = _source(content, path), _end(content, path)
-    robust = content.get("study", {}).get("robust") == "yes"
     return BestTuning(
         scenario,
         theta,
@@ -364,9 +364,9 @@ def tuning_of(path: str | Path) -> BestTuning:
         _read_seed(content),
         runs_code(source),
         digest,
-        robust,
         source,
         _is_changed(content, source),
+        str(content.get("another study", "")),
     )
 
 

@@ -275,6 +275,7 @@ class StudyRecord:
         n_init: Number of experiments before anything was learned.
         n_max: Number of planned experiments.
         command: Command line that repeats the study.
+        anew: Command line that begins another such study.
         surrogate: Learned cost; None if the agent learns nothing.
         trust: How well a weighted sum of the KPIs predicts answers; empty if unknown.
         ended: Why the study ended, see `prefcal_env.study.Ended`; empty while it has not.
@@ -303,6 +304,7 @@ class StudyRecord:
     n_init: int = 10
     n_max: int = 50
     command: str = ""
+    anew: str = ""
     surrogate: Surrogate | None = None
     trust: str = ""
     ended: str = ""

@@ -9,6 +9,7 @@ from dataclasses import replace
 from datetime import UTC, datetime, tzinfo
 from functools import cache
 from importlib.resources import files
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +40,16 @@ from prefcal_scenarios.style import WIDTH, png, style
 from prefcal_scenarios.verification import Verification, verify
 from prefcal_scenarios.verification.loop_margins import margins_said
 from prefcal_scenarios.verification.result import VerifiedRun
-from prefcal_scenarios.verification.said import BEST, NOT_VARIED, REFUSED, USUAL, VARIED, Verified, WorstRun
+from prefcal_scenarios.verification.said import (
+    BEST,
+    NOT_VARIED,
+    REFUSED,
+    REPEAT,
+    USUAL,
+    VARIED,
+    Verified,
+    WorstRun,
+)
 from prefcal_scenarios.verification.said import FILE as VERIFICATION
 from prefcal_scenarios.verification.varied_runs import RUNS, replays, unvaried
 from prefcal_scenarios.wording import (
@@ -410,11 +420,13 @@ def verify_best(
             timeout=timeout,
             progress=progress,
         )
-    said = _said(found, tuning, best, f"{clock(UTC):%Y-%m-%d %H:%M} UTC")
+    again = _begin_another(tuning, best.parent, limits)
+    said = _said(found, tuning, best, again, f"{clock(UTC):%Y-%m-%d %H:%M} UTC")
     said = replace(said, limits=limits, ranges=ranges)
     said = _offering(said, found, own, _command(best, runs, seed, limits, ranges))
-    if limits:
-        said = replace(said, advice=tuple(_with_limits(said.advice, limits, tuning.source)))
+    if limits and not is_described(tuning.source):
+        first = f"; first state {'; '.join(limits)} in the KPIs of your file"
+        said = replace(said, advice=tuple(f"{a}{first}" if again in a else a for a in said.advice))
     _keep(said, found, tuning, best, timeout)
     return said
 
@@ -472,15 +484,27 @@ def _typed(change: float | Sequence[float]) -> str:
     return ":".join(repr(float(end)).removesuffix(".0") for end in ends)
 
 
-def _said(found: Verification, tuning: BestTuning, best: Path, at: str) -> Verified:
+def _begin_another(tuning: BestTuning, folder: Path, limits: Sequence[str]) -> str:
+    """Return how to compare another tuning by these limits, up to the options that name it."""
+    limited = shlex.join(_options("--limit", limits)) if is_described(tuning.source) else ""
+    if not tuning.anew:
+        return " ".join(filter(None, [REPEAT, limited]))
+    words = [f"run: {tuning.anew}", *filter(None, [limited])]
+    if "--calibrator human" not in tuning.anew:  # a study of a person has a name, and a folder of that name
+        free = (Path(f"{folder if folder.name else Path(folder.resolve().name)}-{k}") for k in count(2))
+        words.append(shlex.join(["--out", str(next(each for each in free if not each.exists()))]))
+    return " ".join(words)
+
+
+def _said(found: Verification, tuning: BestTuning, best: Path, again: str, at: str) -> Verified:
     """Return what a verification says of a best.json, with earlier verdicts on the same worst runs."""
     if found.planned and not found.runs and not found.unheld:
         raise ScenarioError("stopped before a random run was completed, so nothing is written")
     if not best.is_file() or digest_of(best) != tuning.digest:
         raise StaleError(f"{str(best)!r} changed while its tuning was verified: verify again")
-    version, robust = versions()["prefcal"], tuning.robust
+    version = versions()["prefcal"]
     baseline = "" if tuning.before is None else tuning.baseline  # else, it counts as one that did not run
-    said = Verified.of(found, tuning.scenario, baseline, version, tuning.digest, robust=robust)
+    said = Verified.of(found, tuning.scenario, baseline, version, tuning.digest, again)
     changed = "Of the plant as its files are now, not as in the study. " if tuning.changed else ""
     return replace(said, headline=f"{changed}{said.headline}", worst=_judged(said.worst, best.parent), at=at)
 
@@ -503,18 +527,6 @@ def _offering(said: Verified, found: Verification, own: Sequence[KPI], command: 
         return said
     lines = (shlex.join([*command, *_options("--limit", usual)]),)
     return replace(said, lines=lines, limits_kept=f"{said.limits_kept} To judge it by the usual limits, run:")
-
-
-def _with_limits(advice: Sequence[str], limits: Sequence[str], source: str) -> Iterator[str]:
-    """Yield what to do next: a study that is repeated needs the limits, too, which not every one can take."""
-    command = "the command of the study with"
-    for text in advice:
-        if command not in text:
-            yield text
-        elif is_described(source):
-            yield text.replace(command, f"{command} {shlex.join(_options('--limit', limits))}")
-        else:
-            yield f"{text}; first state {'; '.join(limits)} in the KPIs of your file"
 
 
 def _list_looser(own: Sequence[KPI], now: Sequence[KPI]) -> Iterator[str]:

@@ -42,8 +42,9 @@ NOT_VARIED = ("what was not varied", "why")
 """Headings of the rows of what did not vary."""
 REFUSED = "not acceptable"
 """Verdict of a person on a worst run that speaks against the tuning."""
+REPEAT = "repeat the command of the study with --robust --n-max 2"
+"""How to compare another tuning, up to the options that name it, if no command is known."""
 _NAMED = 8  # number of values of a run that are named
-_FEW = 0.05  # share of runs that fail, from which on no robust study is advised
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,10 +147,12 @@ class Verified:
         baseline: str,
         version: str,
         best: str,
-        *,
-        robust: bool = False,
+        again: str = REPEAT,
     ) -> "Verified":
-        """Return what a verification of a scenario's tuning says, and of a `robust` study; see the class."""
+        """Return what a verification of a scenario's tuning says; see the class.
+
+        `again` says how to compare another tuning, up to the options that name it.
+        """
         both = [found.tuning, *([found.before] if found.before else [])]
         margins = margins_said([each.margins for each in both], found.tuning.time_unit)
         return cls(
@@ -157,7 +160,7 @@ class Verified:
             statement=found.statement + _compare_before(found, baseline),
             limits_kept=found.limits,
             margins_kept=found.margin_verdict,
-            advice=_next(found, scenario, baseline, robust),
+            advice=_next(found, scenario, baseline, again),
             share=found.share if found.runs else None,
             bound=found.bound,
             runs=len(found.runs),
@@ -263,10 +266,10 @@ def _compare_before(found: Verification, baseline: str) -> str:
     return f" Before ({baseline}): {held} of {len(old)} of the same plants{fewer}."
 
 
-def _next(found: Verification, scenario: Scenario, baseline: str, robust: bool) -> tuple[str, ...]:
+def _next(found: Verification, scenario: Scenario, baseline: str, again: str) -> tuple[str, ...]:
     """Return what to do next if some run fails, or the loop is not stable, a text each."""
     widen = tuple(_widened(found))
-    other = _other(found, scenario, robust)
+    other = _other(found, scenario, again)
     before = _before(found, baseline, alone=not other)
     if found.tuning.margins == UNSTABLE:
         free = any(kpi.name == "M_s" and kpi.met(0.0) is None for kpi in found.kpis)  # of others, none can be
@@ -279,7 +282,7 @@ def _next(found: Verification, scenario: Scenario, baseline: str, robust: bool) 
     every = (before, *widen, found.limiting, alone if found.holds_as_stated else "", other)
     if before or other:  # where a better tuning is known, no limit has to go
         return tuple(filter(None, every))
-    left = "" if found.holds_as_stated and not robust else _nothing_else(found, scenario, robust)
+    left = "" if found.holds_as_stated else _nothing_else(found)
     return (*filter(None, (*every, left)), *found.advice)
 
 
@@ -322,7 +325,7 @@ def _widened(found: Verification) -> Iterator[str]:
         yield f"only a larger range of {name}, or less that varies (--range), helps the plants not counted"
 
 
-def _other(found: Verification, scenario: Scenario, robust: bool) -> str:
+def _other(found: Verification, scenario: Scenario, again: str) -> str:
     """Return with which tuning to begin the next study, since it holds on more of the plants; or ""."""
     best, before = found.others.best if found.others else None, found.before
     if best is None or not _better(found, best):
@@ -332,25 +335,19 @@ def _other(found: Verification, scenario: Scenario, robust: bool) -> str:
         return ""
     names = [name for name, theta in scenario.references.items() if np.array_equal(theta, best.theta)]
     which = f"the tuning {names[0]}" if names else "a tuning that was tried"
-    few = count - held <= _FEW * count  # a robust study looks for one that holds in all of its runs
-    even = "" if few else f". Even with it, {count - held} fail"
     known = f", the tuning before in {old}" if before else ""
-    start = _start_options(scenario, best, few and not robust)
     return (
         f"{which} holds in {held} of the same {count} runs, this one in {count_kept(found.runs)}{known}"
-        f"{_nominal_changes(found, best)}. To see it and search on from it, repeat the command of the study "
-        f"with {start}. What that study finds may hold in fewer runs than its start: verify its result, "
-        f"which counts both{even}"
+        f"{_nominal_changes(found, best)}. To compare it and keep what you like of both (a larger --n-max "
+        f"searches on, judged by less than this), {_begin_with(scenario, best, found, again)}"
     )
 
 
-def _start_options(scenario: Scenario, tuning: Robustness, robust: bool) -> str:
-    """Return the options of a study from a tuning on, perhaps one that looks for room on other plants."""
-    start = ["--start", typed_theta(scenario.space, tuning.theta.tolist())]
-    return (
-        f"{shlex.join(['--robust'] * robust + start)}; with --taste and the name of a saved "
-        "study, your answers count there"
-    )
+def _begin_with(scenario: Scenario, tuning: Robustness, found: Verification, again: str) -> str:
+    """Return how to compare a tuning with that which the result was compared with, or with the result."""
+    known = [] if " --start " in again else [found.before or found.tuning]
+    starts = (typed_theta(scenario.space, each.theta.tolist()) for each in (*known, tuning))
+    return f"{again} {shlex.join([word for start in starts for word in ('--start', start)])}"
 
 
 def _nominal_changes(found: Verification, other: Robustness) -> str:
@@ -372,7 +369,7 @@ def _ways(found: Verification) -> list[str]:
     return ways + ["relax a limit"] * bool(found.advice)
 
 
-def _nothing_else(found: Verification, scenario: Scenario, robust: bool) -> str:
+def _nothing_else(found: Verification) -> str:
     """Return what is left to change, since none of the tunings that were tried holds in more runs."""
     if (tried := found.others) is None:
         return ""
@@ -382,15 +379,10 @@ def _nothing_else(found: Verification, scenario: Scenario, robust: bool) -> str:
         none = f"of {tried.count} other tunings that were tried, none {what}"
         return f"{due}{none}, which proves nothing of others"
     counts = f"the best in {count_kept(tried.best.runs)}, this one in {count_kept(found.runs)}"
-    said = (
+    return (
         f"{due}none of {tried.count} other tunings that were tried holds in more of the same "
         f"{len(found.runs)} runs, beyond chance ({counts})"
     )
-    # Where none is near one that holds, where to begin is no matter; and to repeat a robust study is none.
-    if robust or 2 * len(found.failed) > len(found.runs):
-        return said
-    start = _start_options(scenario, found.tuning, robust=True)
-    return f"{said}. To look further, repeat the command of the study with {start}"
 
 
 def _name_delay_margin(found: Verification, factor: Factor) -> str:

@@ -1,7 +1,7 @@
 """A field of a dataclass is an option of a command, and everything else follows from that."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import pytest
@@ -108,3 +108,15 @@ def test_options_of_one_run_may_change_on_resuming():
     ):
         with pytest.raises(SettingsError, match=said):
             Options.resumed(stored, {"scenario": TOY, **now})
+
+
+def test_another_tuning_is_compared_with_what_the_person_gave_or_with_the_result_and_their_answers_count():
+    mine = Options(scenario="lag", agent="screening", study="mine", n_init=1, n_max=11)
+    first = (
+        "prefcal calibrate lag --calibrator human --agent screening --robust --seed 0 --n-init 1 --n-max 2"
+    )
+    assert mine.anew() == f"{first} --start mine:best --taste mine"
+    given = replace(mine, start=("K=2, T_i=20", "other:best"))
+    assert given.anew() == f"{first} --start 'K=2, T_i=20' --taste mine"
+    program = replace(mine, calibrator="synthetic", agent="glisp", n_init=10)
+    assert program.anew().endswith(" --calibrator synthetic --agent glisp --seed 0 --n-init 2 --n-max 2")

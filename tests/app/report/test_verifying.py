@@ -4,6 +4,8 @@ import json
 import re
 from dataclasses import replace
 from datetime import UTC, datetime
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -27,7 +29,7 @@ from prefcal_env.errors import ScenarioError, SettingsError, StaleError
 from prefcal_env.sources.source import plant_of
 from prefcal_scenarios import load
 from prefcal_scenarios.verification.loop_margins import margins_at
-from prefcal_scenarios.verification.said import BEST, Verified
+from prefcal_scenarios.verification.said import BEST, REPEAT, Verified
 from prefcal_scenarios.wording import measured_texts
 from support.verified import FOUND
 from toy_study import toy_record
@@ -192,14 +194,22 @@ def test_a_limit_looser_than_that_of_the_study_is_the_first_thing_said(tmp_path)
     assert not verify_best(tmp_path / BEST, 4, jobs=1, limits=limits[1:]).headline.startswith("By looser")
 
 
-def test_a_study_that_is_repeated_needs_the_limits_too():
-    again = "repeat the command of the study with"
-    advice = ("take that one", f"{again} --robust, then verify")
-    for source, said in (
-        ("a.toml", f"{again} --limit 'x <= 1' --robust, then verify"),
-        ("lag", f"{again} --robust, then verify; first state x <= 1 in the KPIs of your file"),
-    ):
-        assert [*write._with_limits(advice, ["x <= 1"], source)] == ["take that one", said]
+@pytest.mark.parametrize("anew", ["", "prefcal calibrate a.toml --calibrator human --start mine:best"])
+def test_a_study_that_compares_another_tuning_has_the_limits_too(tmp_path, monkeypatch, anew):
+    monkeypatch.chdir(tmp_path)
+    tuning, out = SimpleNamespace(anew=anew, source="a.toml"), Path("out")
+    begin = f"run: {anew}" if anew else REPEAT
+    assert write._begin_another(tuning, out, ["x <= 1"]) == f"{begin} --limit 'x <= 1'"
+    tuning.source = "lag"  # what is no file of a plant takes no limits
+    assert write._begin_another(tuning, out, ["x <= 1"]) == begin
+
+
+def test_what_compares_another_tuning_unattended_has_a_folder_that_is_free(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "out-2").mkdir()
+    tuning = SimpleNamespace(anew="prefcal calibrate lag --calibrator synthetic", source="lag")
+    assert write._begin_another(tuning, Path("out"), []) == f"run: {tuning.anew} --out out-3"
+    assert write._begin_another(tuning, Path(), []) == f"run: {tuning.anew} --out {tmp_path.name}-2"
 
 
 def test_an_own_scenario_that_states_no_kpis_is_limited_by_those_of_its_run(tmp_path):
