@@ -37,8 +37,7 @@ USUAL: Mapping[Kind, float] = {
 }
 """Usual relative change of each kind."""
 BEYOND: Mapping[Kind, str] = {"sensor": "sensors", "actuator": "actuators", "task": "task"}
-"""Kinds that a robust study does not vary, and their names: judged by all, it would end at less than half of
-the worth (docs/research/verification.md)."""
+"""Kinds that a robust study does not vary where no limit is stated, and their names."""
 CHANGE, SIZE, NARROWER = USUAL["parameter"], USUAL["dead time"], USUAL["actuator"]
 """Relative changes: of parameters; of dead time, loads and references; of the ranges of inputs."""
 LEAST = 0.01  # smallest share of its nominal value that what cannot be 0 can have
@@ -84,11 +83,6 @@ class Factor:
     step: float = 0.0
     stated: bool = False
     told: str = ""
-
-    @property
-    def robust(self) -> bool:
-        """Return whether a robust study varies it, too."""
-        return self.kind not in BEYOND
 
     @classmethod
     def around(

@@ -59,10 +59,8 @@ ENOUGH = 300
 than 1 % of such runs do not, with 95 % confidence."""
 _STEPS = (2, 8, 32, 100, ENOUGH)
 """Numbers of perturbed runs after which those of some θ end."""
-_LEFT, _LEAST = (
-    3,
-    8,
-)  # share, one of three, of the θ that run on after a step in a search; and its least number
+_SEARCHED = 240  # number of θ in a search for those that keep the limits in most runs
+_LEFT, _LEAST = 3, 12  # share, one of three, of these that run on after a step; and their least number
 _JUDGED = 10  # number of simulations from which it is judged whether the names of KPIs change
 
 Learned = TypeVar("Learned")
@@ -170,16 +168,17 @@ class Simulations:
     def steadiest(self, bank: Bank, rows: Int[np.ndarray, " r"]) -> Int[np.ndarray, " r"]:
         """Return how many of `ENOUGH` perturbed runs are kept by those rows that keep most, shape (r,).
 
-        0 for the others: they keep fewer beyond chance, miss more stated limits nominally, or fell behind
-        in the few runs that most θ get. Source: Jamieson, Talwalkar (2016), Non-stochastic best arm
-        identification and hyperparameter optimization, AISTATS; successive halving.
+        0 for the others: they keep fewer beyond chance, miss more stated limits nominally, fell behind in the
+        few runs that most θ get, or come behind the first ones, which alone are searched. Source: Jamieson,
+        Talwalkar (2016), Non-stochastic best arm identification and hyperparameter optimization, AISTATS;
+        successive halving.
         """
         counts = np.zeros(len(rows), dtype=np.int64)
         if self.holds is None or not len(rows):
             return counts
         kept, missed = np.zeros((len(rows), ENOUGH), dtype=np.bool_), self._missed(bank)[rows]
-        left = np.flatnonzero(missed == missed.min())
-        for done, step in pairwise((0, *_STEPS[1:])):
+        left = np.flatnonzero(missed == missed.min())[:_SEARCHED]
+        for done, step in pairwise((0, *_STEPS)):
             kept[left, done:step] = self.holds(list(bank.thetas[rows[left]]), range(done + 1, step + 1))
             left = left[np.argsort(-kept[left].sum(axis=1), kind="stable")]
             left = left[[not holds_more(kept[left[0]], kept[row]) for row in left]]

@@ -332,10 +332,12 @@ def _robustness(agent: Screening, stage: Stage, past: History, best: int) -> Rob
     whole = not simulations.reading.missed(bank.names, bank.kpis[[best]])[0]
     found = RobustResult(kept, outdone=bool(~eligible[best]), among=whole and bool(~eligible.all()))
     if kept < ENOUGH:
-        counts = simulations.steadiest(bank, np.arange(len(bank)))
-        top = int(counts.argmax())
+        by_worth = np.argsort(-agent.growth.worth(past).mean(axis=0), kind="stable")
+        rows = np.append(best, by_worth[by_worth != best])
+        counts = simulations.steadiest(bank, rows)
+        top = rows[counts.argmax()]
         more = holds_more(simulations.runs_kept(bank.thetas[top]), runs)
-        return replace(found, most=int(counts[top])) if more else found
+        return replace(found, most=int(counts.max())) if more else found
     if rival == best or found.outdone or simulations.held(bank, np.array([rival]))[0]:
         return found
     names = reason_for(stage, rival, best, past).better_in

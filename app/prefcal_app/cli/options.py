@@ -89,9 +89,9 @@ class Options(Described):
             with the agent glisp.
         twin: A rough model of the plant: simulate unseen on this scenario, and run only what is
             shown. It has the plant's knobs and KPIs; prefcal learns how both differ.
-        robust: Look for a result that also keeps the limits in 300 runs with varied plants: parameters and
-            dead time vary as in `prefcal verify`, and the seed of the noise, but not sensors, actuators and
-            task. What that costs is said at the end.
+        robust: Look for a result that also keeps the limits in 300 runs with varied plants, or in most of
+            them if none keeps all. All varies that `prefcal verify` varies; without limits, only parameters,
+            dead time and noise. What that costs is said at the end.
         study: Study to start or to resume: a name in your data folder, or a file (with a / or a
             suffix).
         seed: Seed of the agent, the calibrator and the order of the two sides.

@@ -21,6 +21,7 @@ from prefcal_env.sources.source import env_of, plant_of
 from prefcal_env.sources.varied import BEYOND
 from prefcal_scenarios.scenario import KPI, Scenario
 from prefcal_scenarios.verification.result import breakable
+from prefcal_scenarios.verification.varied_runs import robustly
 from prefcal_scenarios.wording import join_words, quantity, with_unit
 
 # --- Say in one sentence why an experiment is shown, what the answer can change, and what was wanted.
@@ -210,9 +211,14 @@ def kept(smaller: SmallerChange | None, scenario: Scenario) -> str:
     )
 
 
-_VARIED = "with varied plants (not sensors, actuators or task)"
-"""What varies, beside each count of runs: `prefcal verify` varies more, and may count fewer that hold."""
+_UNLIMITED = " (not sensors, actuators or task)"
+"""What does not vary beside each count of runs where no limit is stated: `prefcal verify` may count fewer."""
 _NONE_MORE = "No simulated θ was found that does in more, beyond chance,"
+
+
+def _runs(scenario: Scenario) -> str:
+    """Return what is counted of a robust study."""
+    return f"runs with varied plants{'' if breakable(scenario.kpis) else _UNLIMITED}"
 
 
 def _held(
@@ -223,7 +229,7 @@ def _held(
     Where there is none, it says what was asked instead, as `prefcal verify` does. If the nominal run is
     not known, it names no limit. What is `outdone` does not hold, see `RobustResult`.
     """
-    limited = breakable(scenario.kpis)
+    limited, runs = breakable(scenario.kpis), _runs(scenario)
     met, missed = (
         [k.title for k in limited if nominal is not None and k.met_by(nominal) is one]
         for one in (True, False)
@@ -233,7 +239,7 @@ def _held(
         stated = [k for k in scenario.kpis if k.met(0.0) is not None]
         failed = [k.title for k in stated if nominal is not None and k.met_by(nominal) is False]
         lost = join_words(failed or ["a stated limit"])
-        keeps = f" It keeps {join_words(met)} in all {ENOUGH} runs {_VARIED}." if met else ""
+        keeps = f" It keeps {join_words(met)} in all {ENOUGH} {runs}." if met else ""
         first = f"{which} does not hold: it misses {lost} nominally"
         return f"{first}, and a simulated θ misses fewer limits.{keeps}"
     if limited and (met or nominal is None):
@@ -244,17 +250,17 @@ def _held(
         )
         if kept >= ENOUGH:
             first = f"does not hold: it misses {join_words(missed)} already nominally. It " if missed else ""
-            return f"{which} {first}keeps {those} in all {ENOUGH} runs {_VARIED}."
-        keeps = f"it keeps {those} in {kept} of {ENOUGH} runs {_VARIED}"
+            return f"{which} {first}keeps {those} in all {ENOUGH} {runs}."
+        keeps = f"it keeps {those} in {kept} of {ENOUGH} {runs}"
     else:
         none = "it meets no stated limit nominally" if limited else "no limit is stated"
         reach = "safely and reach what the nominal run reaches"
         if kept >= ENOUGH and limited:
-            ends = f"All {ENOUGH} runs {_VARIED} end {reach}, no more."
+            ends = f"All {ENOUGH} {runs} end {reach}, no more."
             return f"{which} does not hold: it meets no stated limit.{left} {ends}"
         if kept >= ENOUGH:
-            return f"{which} holds: all {ENOUGH} runs {_VARIED} end {reach} ({none})."
-        keeps = f"{kept} of {ENOUGH} runs {_VARIED} end {reach} ({none})"
+            return f"{which} holds: all {ENOUGH} {runs} end {reach} ({none})."
+        keeps = f"{kept} of {ENOUGH} {runs} end {reach} ({none})"
     return f"{which} does not hold: {keeps}.{left}"
 
 
@@ -264,8 +270,13 @@ def _perturbed(scenario: Scenario) -> str:
         factors = scenario.source.elsewhere.here.varied().factors
     except ScenarioError:  # its files may have changed since
         more = join_words(list(BEYOND.values()))
-        return f"They vary the plant and the seed of its noise; prefcal verify (V) varies {more}, too."
-    own, others = ([f.name for f in factors if f.robust == one] for one in (True, False))
+        plant = f"They vary the plant and the seed of its noise; prefcal verify (V) varies {more}, too."
+        return "They vary what prefcal verify (V) varies." if breakable(scenario.kpis) else plant
+    own, others = ([f.name for f in each] for each in robustly(factors, scenario.kpis))
+    if breakable(scenario.kpis):
+        return (
+            f"They vary what prefcal verify (V) varies{f', but not {join_words(others)}' if others else ''}."
+        )
     and_more = f"; prefcal verify (V) also varies {join_words(others)}" if others else ""
     return f"They vary {join_words([*own, 'the seed of the noise'])}{and_more}."
 
@@ -367,7 +378,7 @@ def robust_study(
     if found is not None and found.over and found.robustness is not None:
         return tuple(robust(found.robustness, scenario, nominal))
     if found is None or found.kept is None:
-        return (f"Whether the result holds in {ENOUGH} runs {_VARIED} was not worked out.",)
+        return (f"Whether the result holds in {ENOUGH} {_runs(scenario)} was not worked out.",)
     return _held(found.kept, "The result", scenario, nominal), _perturbed(scenario)
 
 

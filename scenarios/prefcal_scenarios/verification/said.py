@@ -338,8 +338,8 @@ def _other(found: Verification, scenario: Scenario, again: str) -> str:
     known = f", the tuning before in {old}" if before else ""
     return (
         f"{which} holds in {held} of the same {count} runs, this one in {count_kept(found.runs)}{known}"
-        f"{_nominal_changes(found, best)}. To compare it and keep what you like of both (a larger --n-max "
-        f"searches on, judged by less than this), {_begin_with(scenario, best, found, again)}"
+        f"{_nominal_changes(found, best)}. To compare it and keep what you like (a larger --n-max searches "
+        f"on), {_begin_with(scenario, best, found, again)}"
     )
 
 

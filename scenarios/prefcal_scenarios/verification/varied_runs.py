@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import zip_longest
+from itertools import compress, zip_longest
 from typing import Any
 
 import numpy as np
@@ -18,14 +18,14 @@ from prefcal_env.experiments.experiment import Experiment, check_returned, limit
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preferences.answer import Outcome, Reading
 from prefcal_env.sources.source import RIG, Source, Varied
-from prefcal_env.sources.varied import UNMODELED, Factor, LeftOut, Ranges, Values, draw, within
+from prefcal_env.sources.varied import BEYOND, UNMODELED, Factor, LeftOut, Ranges, Values, draw, within
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.isolated import DEFAULT_LIMIT
 from prefcal_scenarios.runs import FailedRun, HasKPIs, Progress, processes_kept, simulate_iter, simulate_many
-from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
+from prefcal_scenarios.scenario import KPI, Scenario, finds_kpis, with_found_kpis
 
 from .loop_margins import UNKNOWN, margins_at
-from .result import RANGE_0, Others, Robustness, Verification, VerifiedRun, count_kept, problems_of
+from .result import RANGE_0, Others, Robustness, Verification, VerifiedRun, breakable, count_kept, problems_of
 
 # --- The perturbed runs of a candidate in a robust study: which there are, and how many keep the limits.
 
@@ -42,7 +42,7 @@ class Perturbed(Source):
     """
 
     def __init__(self, scenario: Scenario, seed: int) -> None:
-        self._space, self._seed = scenario.space, seed
+        self._space, self._seed, self._kpis = scenario.space, seed, scenario.kpis
         self._source = scenario.source.elsewhere  # in a worker, that of the user's file
         self._cases: dict[int, tuple[Source, int]] = {}
 
@@ -57,7 +57,7 @@ class Perturbed(Source):
     def _case(self, k: int) -> tuple[Source, int]:
         """Return the source of run k and the seed of its noise; candidates share them."""
         if k not in self._cases:
-            factors = [each for each in self._varied.factors if each.robust]
+            factors, _ = robustly(self._varied.factors, self._kpis)
             seed = self._seed + _APART
             noise = int(np.random.default_rng([seed, k, 1]).integers(2**31))
             # What no tuning can hold would fail each: another plant takes its place.
@@ -70,6 +70,19 @@ class Perturbed(Source):
     @cached_property
     def _varied(self) -> Varied:
         return self._source.here.varied()
+
+
+def robustly(factors: Sequence[Factor], kpis: Sequence[KPI]) -> tuple[tuple[Factor, ...], tuple[Factor, ...]]:
+    """Return which factors a robust study varies, and which others `verify` varies.
+
+    Where limits are stated that a run can break, these are all but what is turned around, which not every
+    plant can do. Where none is stated, each run would have to settle with the worst noise, and a study would
+    end at less than half of the worth: docs/research/verification.md.
+    """
+    limited = bool(breakable(kpis))
+    left = [f.ends if limited else f.kind in BEYOND for f in factors]
+    own, others = (tuple(compress(factors, [each is one for each in left])) for one in (False, True))
+    return own, others
 
 
 def which_keep(

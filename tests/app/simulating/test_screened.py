@@ -247,7 +247,8 @@ def test_it_says_how_many_random_experiments_the_result_is_equal_to(experiments,
     assert "random experiments" not in better_is_known
 
 
-VARIED = "with varied plants (not sensors, actuators or task)"
+LIMITED = "with varied plants"
+VARIED = f"{LIMITED} (not sensors, actuators or task)"
 
 
 @pytest.mark.parametrize(
@@ -283,12 +284,12 @@ def test_what_robustness_costs_is_said_of_a_result_that_holds(kept, costs, words
     if kept == 300:
         assert said[0].startswith(f"The result holds: all 300 runs {VARIED} end safely and reach what")
         assert with_limits == (
-            f"The result keeps all limits that it meets nominally in all 300 runs {VARIED}."
+            f"The result keeps all limits that it meets nominally in all 300 runs {LIMITED}."
         )
     else:
         assert said[0].startswith(f"The result does not hold: 12 of 300 runs {VARIED} end safely and reach")
         assert with_limits.endswith(
-            f": it keeps all limits that it meets nominally in 12 of 300 runs {VARIED}."
+            f": it keeps all limits that it meets nominally in 12 of 300 runs {LIMITED}."
         )
         beaten = list(robust(RobustResult(kept, costs, most=40), limited))
         assert beaten == [with_limits, "Another simulated θ does in 40 of the same runs."]
@@ -301,7 +302,7 @@ def test_a_robust_study_that_was_left_says_how_its_best_so_far_holds():
     kpi = KPI("t_f", "time to steady state t_f", "h", at_most=5.0)
     scenario = Scenario("s", "S", KnobSpace([Knob("K", 0, 1)]), lambda theta, seed=0: None, kpis=(kpi,))
     left = certified(CERTIFIED)
-    unknown = (f"Whether the result holds in 300 runs {VARIED} was not worked out.",)
+    unknown = (f"Whether the result holds in 300 runs {LIMITED} was not worked out.",)
     assert robust_study(None, scenario) == robust_study(left, scenario) == unknown
     said = robust_study(replace(left, kept=300), scenario)
     assert said[0].startswith("The result keeps all limits that it meets nominally in all")
@@ -324,16 +325,16 @@ def test_which_limits_a_robust_result_meets_nominally_is_said_by_name():
 
     keeps = "The result keeps the limit"
     fails = "The result does not hold: it keeps the limit"
-    assert said(300, t_f=4.0, peak=0.5) == f"{keeps}s on time t_f and peak in all 300 runs {VARIED}."
+    assert said(300, t_f=4.0, peak=0.5) == f"{keeps}s on time t_f and peak in all 300 runs {LIMITED}."
     assert said(300, t_f=4.0, peak=2.0) == (
         "The result does not hold: it misses peak already nominally. It keeps the limit on time t_f in all "
-        f"300 runs {VARIED}."
+        f"300 runs {LIMITED}."
     )
-    some = f"in 12 of 300 runs {VARIED}"
+    some = f"in 12 of 300 runs {LIMITED}"
     assert said(12, t_f=6.0, peak=0.5) == f"{fails} on peak {some}. It misses time t_f even nominally."
     assert said(300, t_f=6.0, peak=2.0) == (
         "The result does not hold: it meets no stated limit. It misses time t_f and peak even nominally. All "
-        f"300 runs {VARIED} end safely and reach what the nominal run reaches, no more."
+        f"300 runs {LIMITED} end safely and reach what the nominal run reaches, no more."
     )
 
 
@@ -345,7 +346,7 @@ def test_a_robust_result_that_misses_what_another_keeps_is_not_said_to_hold():
     kept, _ = robust(found, scenario, nominal)  # then what varies, and no price
     lost = "nominally, and a simulated θ misses fewer limits."
     assert kept == (
-        f"The result does not hold: it misses time t_f {lost} It keeps peak in all 300 runs {VARIED}."
+        f"The result does not hold: it misses time t_f {lost} It keeps peak in all 300 runs {LIMITED}."
     )
     margin = replace(scenario, kpis=(KPI("M_s", "M_s", better="lower", at_most=2.0, margin=True),))
     assert next(robust(found, margin, nominal.with_kpis({"M_s": 3.0}))) == (

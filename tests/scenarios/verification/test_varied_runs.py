@@ -200,8 +200,8 @@ def test_beside_some_failed_runs_stands_what_to_do_next():
     (other,) = Verified.of(new, replace(SPRING, simulated=True), "", "1.0", "").advice
     assert other == (
         f"a tuning that was tried holds in 200 of the same 200 runs, this one in {200 - len(found.failed)}; "
-        f"nominally weight 2 → {gain:.3g}. To compare it and keep what you like of both (a larger --n-max "
-        "searches on, judged by less than this), repeat the command of the study with --robust --n-max 2 "
+        f"nominally weight 2 → {gain:.3g}. To compare it and keep what you like (a larger --n-max "
+        "searches on), repeat the command of the study with --robust --n-max 2 "
         f"--start gain=2 --start gain={gain:.6g}"
     )
     told = Verified.of(

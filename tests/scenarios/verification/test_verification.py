@@ -37,7 +37,7 @@ from prefcal_scenarios.verification import verify
 from prefcal_scenarios.verification.loop_margins import margins_at, margins_said, remaining
 from prefcal_scenarios.verification.result import VerifiedRun
 from prefcal_scenarios.verification.said import BEST, FILE, Verified, WorstRun
-from prefcal_scenarios.verification.varied_runs import Perturbed, which_keep
+from prefcal_scenarios.verification.varied_runs import Perturbed, robustly, which_keep
 from prefcal_scenarios.wording import measured
 from support.varied_loops import (
     assert_it_starts_at_rest_where_the_study_does,
@@ -677,6 +677,26 @@ def snapped_middle(scenario):
 def test_without_a_number_a_run_is_that_of_the_scenario(lag):
     theta = snapped_middle(lag)
     assert Perturbed(lag, 0).run(theta, seed=4) == lag.run(theta, seed=4)
+
+
+def test_a_robust_study_varies_all_if_a_limit_is_stated_but_what_is_turned_and_else_the_plant_alone(lag):
+    factors = lag.source.varied().factors
+    turned = {f.name for f in factors if f.ends}
+    assert turned, "lag has a direction of its load or its step"
+    limited = tuple(replace(kpi, at_most=100.0) for kpi in lag.kpis)
+    own, others = robustly(factors, limited)
+    assert {f.name for f in others} == turned
+    assert [*own, *others] == sorted(factors, key=lambda f: f.ends)
+    own, others = robustly(factors, lag.kpis)
+    assert {f.kind for f in own} == {"parameter", "dead time"}
+    assert {f.kind for f in others} == {"sensor", "actuator", "task"}
+    margin = tuple(replace(kpi, margin=True) for kpi in limited)
+    assert robustly(factors, margin) == (own, others), "no run can break the limit of a margin"
+    theta = np.append(snapped_middle(lag), 3)
+    some, all_of_them = (
+        Perturbed(replace(lag, kpis=each), 0).run(theta).kpis for each in (lag.kpis, limited)
+    )
+    assert some != all_of_them
 
 
 def test_each_number_is_another_plant_with_other_noise_whatever_ran_before(lag):
