@@ -133,6 +133,14 @@ def join_words(words: Sequence[str]) -> str:
     return " and ".join([", ".join(most), last] if most else [last])
 
 
+_COMMAND = re.compile(r" --[a-z-]+ ('[^']*'|\S+)$")
+
+
+def sentence(text: str) -> str:
+    """Return a text with a capital and a full stop, which none has that ends with a command to paste."""
+    return f"{text[:1].upper()}{text[1:]}{'' if _COMMAND.search(text) else '.'}"
+
+
 def objective(kpi: KPI) -> str:
     """Return the objective of a KPI as text; empty if there is none."""
     limits = (("≥", kpi.at_least), ("≤", kpi.at_most))

@@ -26,7 +26,7 @@ from prefcal_scenarios.described.description import listed
 from prefcal_scenarios.runs import Progress
 from prefcal_scenarios.scenario import KPI
 from prefcal_scenarios.verification.said import BEST, FILE, NOT_VARIED, VARIED, Verified
-from prefcal_scenarios.wording import printable, put
+from prefcal_scenarios.wording import printable, put, sentence
 
 from .calibrate import interruption
 from .options import ExportOptions, LookOptions, VerifyOptions
@@ -252,12 +252,12 @@ def show(said: Verified, console: Console) -> None:
     more = [each for each in (said.statement, said.limits_kept) if each not in said.verdict]
     say(console, "Does it hold?", *(f"  {each}" for each in (said.verdict, *more)), *said.lines)
     for line in (*said.misses, *said.advice):
-        say(console, f"  {_sentence(line)}")
+        say(console, f"  {sentence(line)}")
     if said.varied:
         console.print(_table(VARIED, said.varied))
     if said.left_out:
         console.print(_table(NOT_VARIED, said.left_out))
-    say(console, "What margin has it?", f"  {_sentence(said.basis)}")
+    say(console, "What margin has it?", f"  {sentence(said.basis)}")
     if said.margins_kept:
         say(console, f"  {said.margins_kept}")
     if said.margins:
@@ -276,10 +276,6 @@ def _lines(said: Verified) -> Iterator[str]:
         yield "Worst runs:"
     for each in said.worst:
         yield f"  {each.words}: {each.text}"
-
-
-def _sentence(text: str) -> str:
-    return f"{text[:1].upper()}{text[1:]}."
 
 
 def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:

@@ -59,6 +59,7 @@ from prefcal_scenarios.wording import (
     limits_text,
     number,
     put,
+    sentence,
     symbols_in,
     with_subscripts,
     with_unit,
@@ -233,9 +234,9 @@ def _verdicts(verified: Verified) -> dict[str, str | dict[str, str]]:
     found: dict[str, str | dict[str, str]] = {"Other plants": f"{verified.statement} {verified.limits_kept}"}
     if verified.lines:
         found["Usual limits"] = {"lines": "\n".join(verified.lines)}
-    found["Margins"] = _sentences([verified.basis])
+    found["Margins"] = sentence(verified.basis)
     if verified.misses:
-        found["Misses"] = _sentences(verified.misses)
+        found["Misses"] = " ".join(map(sentence, verified.misses))
     for worst in verified.worst[:1]:
         found["Worst run"] = f"{worst.words}{f' ({worst.verdict})' if worst.verdict else ''}: {worst.text}."
     found["Hurts most"] = "; ".join(verified.hurting) or _UNKNOWN
@@ -276,7 +277,8 @@ def top(verdict: str, advice: Sequence[str] = ()) -> str:
     first, *rest = re.split(r"(?<=\.) (?=[A-Z])", verdict, maxsplit=1)
     made = f'<p class="verdict"><strong>{symbols_in(first)}</strong> {symbols_in("".join(rest))}</p>'
     if advice:
-        made += f'<p class="verdict"><strong>What next:</strong> {symbols_in(_sentences(advice))}</p>'
+        said = "</p><p>".join(symbols_in(sentence(each)) for each in advice)
+        made += f'<p class="verdict"><strong>What next:</strong> {said}</p>'
     return f"<!-- verdict -->{made}<!-- end -->"
 
 
@@ -315,10 +317,6 @@ def _in_report(verified: Verified | str, loop: bytes) -> str:
         made = parts.answers([*_verdicts(verified).items()]) + Markup().join(map(tables.table, each))
     drawn = parts.image("Open loop", data_uri(loop), _LOOP_ALT) if loop else ""
     return f"<!-- verified -->{made}{drawn}<!-- end -->"
-
-
-def _sentences(texts: Sequence[str]) -> str:
-    return " ".join(f"{text[:1].upper()}{text[1:]}." for text in texts)
 
 
 def _margins(rows: Sequence[Sequence[str]], basis: str) -> str | tuple[str, ...]:

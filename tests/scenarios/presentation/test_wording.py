@@ -8,7 +8,7 @@ import pytest
 from prefcal_app.terminal.showing import theta_of
 from prefcal_env import Knob
 from prefcal_env.knobs import KnobSpace
-from prefcal_scenarios.wording import counted, knob_number, symbols_in, typed_theta
+from prefcal_scenarios.wording import counted, knob_number, sentence, symbols_in, typed_theta
 
 
 @pytest.mark.parametrize(
@@ -43,3 +43,16 @@ def test_a_name_that_is_not_clear_without_its_other_letters_keeps_them(other):
     said = typed_theta(space, [-4.4, 1.0])
     assert said == f"log_Q_Δu=-4.4, {other.replace(' ', '_')}=1"
     assert np.array_equal(theta_of(said, space), [-4.4, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("take that one", "Take that one."),
+        ("verify it, with --seed 1 --limit 'x <= 2.5 s'", "Verify it, with --seed 1 --limit 'x <= 2.5 s'"),
+        ("run: prefcal calibrate a.toml --start K=2", "Run: prefcal calibrate a.toml --start K=2"),
+        ("leave --robust out, or wait", "Leave --robust out, or wait."),
+    ],
+)
+def test_a_command_at_the_end_of_a_sentence_is_pasted_without_a_full_stop(text, said):
+    assert sentence(text) == said
