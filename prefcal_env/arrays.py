@@ -1,11 +1,11 @@
-"""Check the values, numbers and arrays that settings and callers hand over: one message for each mistake."""
+"""Check the values, numbers and arrays that callers hand over, one message for each mistake; compare runs."""
 
 from collections.abc import Mapping, Sequence
-from math import isfinite, isnan
+from math import comb, isfinite, isnan
 from typing import Any, Literal
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from .errors import PlantError, PrefcalError, SettingsError
 
@@ -163,3 +163,13 @@ def known_options(given: Mapping[str, Any] | None, known: Sequence[str]) -> dict
     if unknown:
         raise SettingsError(f"reset options must be among {tuple(known)}, got {unknown}")
     return options
+
+
+def holds_more(these: Bool[np.ndarray, " r"], those: Bool[np.ndarray, " r"]) -> bool:
+    """Return whether one tuning holds in more of the same runs, shape (r,), than another, beyond chance.
+
+    That is a sign test of the runs in which one of both holds and the other does not, at 5 %.
+    """
+    gained, lost = int(np.count_nonzero(these & ~those)), int(np.count_nonzero(those & ~these))
+    count = gained + lost
+    return gained > 0 and sum(comb(count, k) for k in range(gained, count + 1)) <= 0.05 * 2**count

@@ -6,8 +6,7 @@ from math import ceil, copysign
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
-from jaxtyping import Bool, Float
-from scipy.special import betainc
+from jaxtyping import Float
 
 from prefcal_env.arrays import is_number
 from prefcal_env.errors import SettingsError
@@ -168,15 +167,6 @@ def _with_ranges(factor: Factor, ranges: Ranges) -> Factor:
         )
     changed = replace(factor, low=low, high=high, stated=True)
     return changed.stepped(factor.step) if factor.step else changed
-
-
-def holds_more(these: Bool[np.ndarray, " r"], those: Bool[np.ndarray, " r"]) -> bool:
-    """Return whether one tuning holds in more of the same runs, shape (r,), than another, beyond chance.
-
-    That is a sign test of the runs in which one of both holds and the other does not, at 5 %.
-    """
-    gained, lost = np.count_nonzero(these & ~those), np.count_nonzero(those & ~these)
-    return bool(gained and betainc(gained, lost + 1, 0.5) <= 0.05)
 
 
 def draw(factors: Sequence[Factor], seed: int, k: int) -> dict[str, float]:

@@ -30,12 +30,11 @@ from prefcal_agents.people import (
 from prefcal_agents.result import DrawPool, limit
 from prefcal_agents.search import Region, latin_hypercube
 from prefcal_agents.taste import Told, lessons_of
-from prefcal_env.arrays import integer
+from prefcal_env.arrays import holds_more, integer
 from prefcal_env.errors import PreferenceError, SettingsError, SimulationError
 from prefcal_env.knobs import KnobSpace, theta_keys
 from prefcal_env.preferences.answer import Outcome, Reading
 from prefcal_env.preferences.history import History, KPIValues
-from prefcal_env.sources.varied import holds_more
 
 # --- Run simulations for an agent, each θ once, keep their KPIs, and what all such agents share.
 

@@ -19,11 +19,11 @@ from prefcal_agents.result import (
     stakes,
     wishes,
 )
+from prefcal_env.arrays import holds_more
 from prefcal_env.errors import StudyError
 from prefcal_env.plain import from_plain, to_plain
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.history import History
-from prefcal_env.sources.varied import holds_more
 
 from .agent import Certificate, Screening
 from .bank import ENOUGH, Stage

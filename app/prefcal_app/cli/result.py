@@ -38,8 +38,7 @@ def record_of(interview: Interview, options: Options, references: Mapping[str, E
         now, events = interview.now(), interview.file.events()
         state = now.state
         comparisons, answered = interview.past.comparisons(), interview.past.answered()
-        waiting = [index for index in list_shown(state) if index >= state.history.answered]
-        shown = {index: interview.past.experiment(index) for index in waiting}
+        shown = {k: interview.past.experiment(k) for k in list_shown(state) if k >= state.history.answered}
     then, today = _fingerprints(options, state)
     agent = state.configuration["agent"]
     winners = state.history.incumbents()  # after each closed query; the last is the best now

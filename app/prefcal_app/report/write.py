@@ -418,13 +418,9 @@ def verify_best(
             timeout=timeout,
             progress=progress,
         )
-    again = _begin_another(tuning, best.parent, limits)
-    said = _said(found, tuning, best, again, f"{clock(UTC):%Y-%m-%d %H:%M} UTC")
+    said = _said(found, tuning, best, limits, f"{clock(UTC):%Y-%m-%d %H:%M} UTC")
     said = replace(said, limits=limits, ranges=ranges)
     said = _offering(said, found, own, _command(best, runs, seed, limits, ranges))
-    if limits and not is_described(tuning.source):
-        first = f"; first state {'; '.join(limits)} in the KPIs of your file"
-        said = replace(said, advice=tuple(f"{a}{first}" if again in a else a for a in said.advice))
     _keep(said, found, tuning, best, timeout)
     return said
 
@@ -494,7 +490,7 @@ def _begin_another(tuning: BestTuning, folder: Path, limits: Sequence[str]) -> s
     return " ".join(words)
 
 
-def _said(found: Verification, tuning: BestTuning, best: Path, again: str, at: str) -> Verified:
+def _said(found: Verification, tuning: BestTuning, best: Path, limits: Sequence[str], at: str) -> Verified:
     """Return what a verification says of a best.json, with earlier verdicts on the same worst runs."""
     if found.planned and not found.runs and not found.unheld:
         raise ScenarioError("stopped before a random run was completed, so nothing is written")
@@ -502,7 +498,11 @@ def _said(found: Verification, tuning: BestTuning, best: Path, again: str, at: s
         raise StaleError(f"{str(best)!r} changed while its tuning was verified: verify again")
     version = versions()["prefcal"]
     baseline = "" if tuning.before is None else tuning.baseline  # else, it counts as one that did not run
+    again = _begin_another(tuning, best.parent, limits)
     said = Verified.of(found, tuning.scenario, baseline, version, tuning.digest, again)
+    if limits and not is_described(tuning.source):
+        first = f"; first state {'; '.join(limits)} in the KPIs of your file"
+        said = replace(said, advice=tuple(f"{a}{first}" if again in a else a for a in said.advice))
     changed = "Of the plant as its files are now, not as in the study. " if tuning.changed else ""
     return replace(said, headline=f"{changed}{said.headline}", worst=_judged(said.worst, best.parent), at=at)
 

@@ -348,10 +348,7 @@ class Simulator:
         self.candidates = source.candidates
         directed = has_goals(scenario)
         run = verification.varied_runs.Perturbed(scenario, seed) if robust else source
-        margins, judge = (
-            {kpi.name for kpi in scenario.kpis if kpi.margin},
-            verification.varied_runs.which_keep,
-        )
+        margins, judge = {k.name for k in scenario.kpis if k.margin}, verification.varied_runs.which_keep
         self.holds = partial(judge, self.many, self.reading, margins=margins) if robust else None
         self._task = RunTask(run, seed, trajectories=not directed)
         # They are gentle: the page has its processor even if there is a worker on each core. This

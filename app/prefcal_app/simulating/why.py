@@ -243,11 +243,8 @@ def _held(
         first = f"{which} does not hold: it misses {lost} nominally"
         return f"{first}, and a simulated θ misses fewer limits.{keeps}"
     if limited and (met or nominal is None):
-        those = (
-            f"the limit{'s' * (len(met) > 1)} on {join_words(met)}"
-            if met
-            else "all limits that it meets nominally"
-        )
+        named = f"the limit{'s' * (len(met) > 1)} on {join_words(met)}"
+        those = named if met else "all limits that it meets nominally"
         if kept >= ENOUGH:
             first = f"does not hold: it misses {join_words(missed)} already nominally. It " if missed else ""
             return f"{which} {first}keeps {those} in all {ENOUGH} {runs}."

@@ -8,12 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
+from prefcal_env.arrays import holds_more
 from prefcal_env.controllers.margins import UNSTABLE, Margins
 from prefcal_env.disk import digest_of, write_durably
 from prefcal_env.envs.varied_loop import DELAY, LAG, STEPPED
 from prefcal_env.errors import ScenarioError
 from prefcal_env.plain import from_plain, to_plain
-from prefcal_env.sources.varied import Factor, LeftOut, Ranges, holds_more
+from prefcal_env.sources.varied import Factor, LeftOut, Ranges
 from prefcal_scenarios.scenario import KPI, Scenario
 from prefcal_scenarios.wording import (
     comparable,
