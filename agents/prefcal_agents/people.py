@@ -320,18 +320,21 @@ class Utilities:
         order = (self.ordered[rows] > 0) & ~beyond
         scales, steps = self.scales[rows, kpi, None], self.steps[rows, kpi, None]
         exponents, limits = self.exponents[rows, kpi, None], self.limits[rows, kpi, None]
+        found, shared = np.zeros((len(rows), logs.shape[-2])), len(x) != len(rows)  # whether by all draws
         # d^p / (s^p + d^p) in logarithms, the share of the weight that is lost at the distance d.
-        found = x - scales
-        found *= exponents
-        expit(found, out=found)
-        x = np.broadcast_to(x, found.shape)
-        above = np.exp(np.maximum(x[order], scales[order])) - np.exp(scales[order])
+        traded = ~order & ~beyond
+        share = (x if shared else x[traded]) - scales[traded]
+        share *= exponents[traded]
+        found[traded] = expit(share, out=share)
         # Below `scales` all values are alike; above, distances count in just noticeable differences.
-        found[order] = np.minimum(above / steps[order], 1e9)  # infinity times a weight of 0 is NaN
-        found[beyond] = 0.0
+        above = np.maximum(x if shared else x[order], scales[order])
+        np.exp(above, out=above)
+        above -= np.exp(scales[order])
+        above /= steps[order]
+        found[order] = np.minimum(above, 1e9, out=above)  # infinity times a weight of 0 is NaN
         beyond = beyond & np.isfinite(limits[:, 0])
         # A value at its limit keeps it, also where the logarithm and back added a last digit.
-        excess = np.exp(x[beyond]) * (1 - 1e-9) - limits[beyond]
+        excess = np.exp(x if shared else x[beyond]) * (1 - 1e-9) - limits[beyond]
         found[beyond] = np.clip(np.ceil(excess / steps[beyond]), 0, 255)
         return np.asarray(found)
 
@@ -675,6 +678,7 @@ def learn(before: Utilities, lessons: Lessons, scale: Scale, rng: np.random.Gene
 _TELLING = 64
 """Number of answers that are looked at first: those that are explained worst refuse nearly all steps that all
 answers together refuse."""
+_MISSED = 32  # number of such steps that these let pass from which on others are looked at, too
 
 
 class _Told(NamedTuple):
@@ -758,6 +762,9 @@ def _move(given: Posterior, scale: Scale, rng: np.random.Generator, mistakes: Mi
         for apart, part, draw, before in found:
             refused = ~left[draw]
             apart[part[refused], draw[refused]] = before[refused]
+        # What few let pass and all refuse tells which others to look at next: once, since copies take time.
+        if len(stages) == 2 and np.count_nonzero(~kept) > _MISSED:
+            stages.insert(1, told.worst(each[~kept] - logs[rows[~kept]]))
         utilities = utilities.where(left, tried)
     return replace(given, utilities=utilities)
 

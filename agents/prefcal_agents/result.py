@@ -1,6 +1,6 @@
 """What is said of a result: which answers carry it, what was wanted, a menu, a smaller change."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -11,13 +11,14 @@ from prefcal_env.knobs import KnobSpace
 from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_env.preferences.history import History
 
-from .people import DRAWS, Bank, Lessons, Scale, Utilities, overtaking, worth
+from .people import Bank, Lessons, Posterior, Scale, Utilities, overtaking, worth
 
 # --- Draws of a whole study at once: what other answers would teach, with nothing drawn again.
 #
 # The draws after the last answer lie where that record is likely. What would follow from another one
 # needs draws elsewhere: those from before the answers, and those after each of them.
 
+_AT_ONCE = 256  # number of draws that are worked out at a time
 _STEPS = 30  # steps of the fixed point; each one brings the constants several times nearer
 
 
@@ -30,8 +31,7 @@ class DrawPool:
     logs: Float[np.ndarray, "m k"]  # log distances of the KPIs that are expected, shape (m, k)
     shown: Int[np.ndarray, " n"]  # row of the bank of each sample, shape (n,)
     utilities: Utilities  # all draws, shape (s,)
-    levels: Float[np.ndarray, "c s n"]  # levels of the samples in each draw, shape (2k, s, n)
-    costs: Float[np.ndarray, "s n"]  # their costs, shape (s, n)
+    costs: Float[np.ndarray, "s n"]  # costs of the samples in each draw, shape (s, n)
     # Logarithm of their density relative to that before any answer, shape (s,)
     density: Float[np.ndarray, " s"]
 
@@ -64,10 +64,18 @@ class DrawPool:
         """
         utilities = _join([limit(scale, draws) for _, draws in given])
         shown = np.array([bank.find(sample.theta) for sample in given[-1][0].samples], dtype=np.int64)
-        levels = utilities.levels(scale(bank, shown.tolist()))
-        costs = utilities.costs(logs[shown])
-        pool = cls(bank, scale, logs, shown, utilities, levels, costs, np.zeros(len(utilities)))
-        likely = np.array([pool.log_likelihood(record) for record, _ in given])
+        pool = cls(
+            bank,
+            scale,
+            logs,
+            shown,
+            utilities,
+            np.empty((len(utilities), len(shown))),
+            np.zeros(len(utilities)),
+        )
+        for part in pool.parts:
+            pool.costs[part] = utilities.take(part).costs(logs[shown])
+        likely = pool.log_likelihoods([record for record, _ in given])
         constants, density = np.zeros((len(given), 1)), pool.density
         for _ in range(_STEPS):
             density = logsumexp(likely - constants, axis=0) - np.log(len(given))
@@ -75,14 +83,28 @@ class DrawPool:
             constants = logsumexp(likely - density, axis=1, keepdims=True) - np.log(len(density))
         return replace(pool, density=density)
 
-    def log_likelihood(self, history: History) -> Float[np.ndarray, " s"]:
-        """Return the logarithm of the probability of all answers of a record, shape (s,)."""
-        given, found = Lessons.of(self.bank, self.scale, history), np.empty(len(self.utilities))
-        # As many draws at a time as a record has: of a long study, all at once would be another 700 MB.
-        for part in np.split(np.arange(len(found)), range(DRAWS, len(found), DRAWS)):
-            some = self.utilities.take(part)
-            apart = some.differences(self.levels[:, part[0] : part[-1] + 1], given.better, given.worse)
-            found[part] = some.log_answers(some.gain(apart), given.tie) @ given.strength
+    @property
+    def parts(self) -> Iterator[Int[np.ndarray, " q"]]:
+        """Return some draws at a time: of a long study, all at once would be another 700 MB."""
+        count = len(self.utilities)
+        return (np.arange(start, min(start + _AT_ONCE, count)) for start in range(0, count, _AT_ONCE))
+
+    def log_answers(self, given: Lessons) -> Iterator[tuple[Int[np.ndarray, " q"], Float[np.ndarray, "q a"]]]:
+        """Yield some draws at a time, with the logarithm of the probability of each answer, shape (q, a)."""
+        return ((part, Posterior.of(self.utilities.take(part), given).logs) for part in self.parts)
+
+    def log_likelihoods(self, records: Sequence[History]) -> Float[np.ndarray, "r s"]:
+        """Return the logarithm of the probability of all answers of each record, shape (r, s)."""
+        given = [Lessons.of(self.bank, self.scale, record) for record in records]
+        told = [np.stack([each.better, each.worse, each.tie], axis=1) for each in given]
+        # Records of one study share nearly all answers: each one is worked out once.
+        every, where = np.unique(np.vstack(told), axis=0, return_inverse=True)
+        columns = np.split(where.ravel(), np.cumsum([len(each) for each in given])[:-1])
+        better, worse, tie = every.T
+        logs, found = max((each.logs for each in given), key=len), np.empty((len(given), len(self.utilities)))
+        for part, each in self.log_answers(Lessons(logs, better, worse, tie > 0, np.ones(len(tie)))):
+            for row, own, lessons in zip(found, columns, given, strict=True):
+                row[part] = each.take(own, axis=1) @ lessons.strength
         return found
 
     def weights(self, history: History, power: float = 1.0) -> Float[np.ndarray, " s"]:
@@ -93,13 +115,21 @@ class DrawPool:
         Source: P. Grünwald, T. van Ommen, "Inconsistency of Bayesian inference for misspecified
         linear models, and a proposal for repairing it" (2017): the likelihood to a power.
         """
-        return np.asarray(softmax(power * self.log_likelihood(history) - self.density))
+        return self.weigh(power * self.log_likelihoods([history]).T)[:, 0]
+
+    def weigh(self, likely: Float[np.ndarray, "s r"]) -> Float[np.ndarray, "s r"]:
+        """Return how probable each draw is given records by their log likelihoods, shape (s, r)."""
+        return np.asarray(softmax(likely - self.density[:, None], axis=0))
 
     def drawn(self, history: History, count: int, power: float = 1.0) -> Utilities:
         """Return `count` draws given a record, the likely ones several times."""
-        shares = np.cumsum(self.weights(history, power))
-        places = (np.arange(count) + 0.5) / count * shares[-1]
-        return self.utilities.take(np.searchsorted(shares, places))
+        return self.utilities.take(_pick(self.weights(history, power), count))
+
+
+def _pick(weights: Float[np.ndarray, " s"], count: int) -> Int[np.ndarray, " q"]:
+    """Return `count` draws, the likely ones several times."""
+    shares = np.cumsum(weights)
+    return np.asarray(np.searchsorted(shares, (np.arange(count) + 0.5) / count * shares[-1]))
 
 
 def limit(scale: Scale, utilities: Utilities) -> Utilities:
@@ -121,6 +151,7 @@ _SURE = 0.5
 """An experiment that is noticeably better than the best by the answers in this share of the draws or fewer
 never takes its place, whatever the draws are."""
 _JUDGES = 256  # number of draws that choose among several that take its place
+_TOGETHER = 64  # number of answers that are turned at a time, which bounds the memory
 _DOUBTFUL = 0.1  # chance of the other answer from which on it tells something that the result rests on one
 
 
@@ -141,16 +172,33 @@ class Influence:
 
 def influences(pool: DrawPool, history: History) -> tuple[Influence, ...]:
     """Return the influence of each answer that teaches and prefers a side, in the order given."""
-    found = []
-    for index, comparison in enumerate(history.comparisons):
-        if not comparison.teaches or not comparison.answer.preference:
-            continue
+    lessons = [(row, c) for row, c in enumerate(history.lessons) if c.after is None and c.answer.preference]
+    rows, index = np.array([[row, c.challenger] for row, c in lessons], dtype=np.int64).reshape(-1, 2).T
+    weights, chances = np.empty((len(pool.utilities), len(rows))), np.empty(len(rows))
+    # What an answer marks as unsafe makes others of it, which go with it.
+    marked = [number for number in index.tolist() if history.comparisons[number].answer.marks]
+    whole, *alone = pool.log_likelihoods([history, *map(history.retracted, marked)])
+    given, without = Lessons.of(pool.bank, pool.scale, history), dict(zip(marked, alone, strict=True))
+    for some in np.array_split(np.arange(len(rows)), len(rows) // _TOGETHER + 1):
+        told = given.take(rows[some])
+        rest = whole[:, None] - _log_likely(pool, told)
+        other = rest + _log_likely(pool, replace(told, better=told.worse, worse=told.better))
+        for column, number in enumerate(index[some].tolist()):
+            rest[:, column] = without.get(number, rest[:, column])
         # Against the record without it: the answer itself must not vouch for itself.
-        rest, other_way = history.retracted(index), turn(history, index)
-        likely = np.exp(pool.log_likelihood(other_way) - pool.log_likelihood(rest))
-        other, sure = _result(pool, other_way)
-        found.append(Influence(index, other, float(pool.weights(rest) @ likely), sure))
-    return tuple(found)
+        chances[some] = np.sum(pool.weigh(rest) * np.exp(other - rest), axis=0)
+        weights[:, some] = pool.weigh(other)
+    bests = [turn(history, number).by_answers or 0 for number in index.tolist()]
+    results = _results(pool, weights, bests, history)
+    return tuple(
+        Influence(number, other, chance, sure)
+        for number, chance, (other, sure) in zip(index.tolist(), chances.tolist(), results, strict=True)
+    )
+
+
+def _log_likely(pool: DrawPool, given: Lessons) -> Float[np.ndarray, "s a"]:
+    """Return the logarithm of the probability of each answer, times its strength, shape (s, a)."""
+    return np.asarray(np.concatenate([logs for _, logs in pool.log_answers(given)]) * given.strength)
 
 
 def decisive(found: tuple[Influence, ...], best: int) -> Influence | None:
@@ -170,14 +218,15 @@ def stakes(pool: DrawPool, history: History, incumbent: int) -> float:
         history: Samples and answers so far; the next sample is the challenger.
         incumbent: Sample that is the best so far.
     """
-    given, before = pool.weights(history), pool.log_likelihood(history)
-    other = total = 0.0
-    for preference in (Preference.CHALLENGER, Preference.TIE, Preference.INCUMBENT):
-        after = history.with_answer(Answer(preference), incumbent)
-        likely = float(given @ np.exp(pool.log_likelihood(after) - before))
-        total += likely
-        other += likely * (_result(pool, after)[0] != incumbent)
-    return other / total  # below 1 where something was unsafe, which each new experiment is better than
+    told = (Preference.CHALLENGER, Preference.TIE, Preference.INCUMBENT)
+    records = [history.with_answer(Answer(preference), incumbent) for preference in told]
+    before, *after = pool.log_likelihoods([history, *records])
+    likely = np.exp(np.array(after) - before) @ pool.weigh(before[:, None])[:, 0]
+    bests = [record.by_answers or 0 for record in records]
+    results = _results(pool, pool.weigh(np.array(after).T), bests, records[0])
+    changed = np.array([best != incumbent for best, _ in results])
+    # The sum is below 1 where something was unsafe, which each new experiment is better than.
+    return float(likely @ changed / likely.sum())
 
 
 def turn(history: History, index: int) -> History:
@@ -189,19 +238,37 @@ def turn(history: History, index: int) -> History:
     return replace(history, comparisons=comparisons, leads=())
 
 
-def _result(pool: DrawPool, history: History) -> tuple[int, bool]:
-    """Return the sample that is the best after a record, and whether draws leave no doubt."""
-    best = history.by_answers
-    assert best is not None  # something was answered
-    count = history.answered
-    weights = pool.weights(history)
-    better = weights @ (pool.costs[:, :count] < pool.costs[:, [best]] - 1.0)
-    rivals = overtaking(better, float(weights @ pool.utilities.loose), history)
-    if not rivals.any():
-        return best, bool(better.max() < _SURE)
+def _results(
+    pool: DrawPool, weights: Float[np.ndarray, "s r"], bests: Sequence[int], history: History
+) -> list[tuple[int, bool]]:
+    """Return the sample that is the best after each of some records, and whether draws leave no doubt.
+
+    Args:
+        pool: Draws of the study.
+        weights: How probable each draw is given each record, shape (s, r).
+        bests: The best sample by the answers of each.
+        history: One of the records; they mark the same samples as unsafe.
+    """
+    count, better = history.answered, np.zeros((len(bests), history.answered))
+    for best in {*bests}:
+        own = np.flatnonzero(np.array(bests) == best)
+        for part in pool.parts:
+            costs = pool.costs[part, :count]
+            better[own] += weights[np.ix_(part, own)].T @ (costs < costs[:, [best]] - 1.0)
+    loose = pool.utilities.loose @ weights
+    rivals = [overtaking(*each, history) > 0 for each in zip(better, loose.tolist(), strict=True)]
+    found = [(best, bool(each.max() < _SURE)) for best, each in zip(bests, better, strict=True)]
+    doubted = [k for k, each in enumerate(rivals) if each.any()]
+    if not doubted:
+        return found
     # Worth is a rank among all simulated θ, so costs of the shown ones alone would not do.
-    value = worth(pool.drawn(history, _JUDGES).costs(pool.logs))[:, pool.shown[:count]].mean(axis=0)
-    return int(np.argmax(np.where(rivals > 0, value, -np.inf))), False
+    judges, places = np.unique([_pick(weights[:, k], _JUDGES) for k in doubted], return_inverse=True)
+    parts = np.array_split(judges, len(judges) // _AT_ONCE + 1)
+    shown = pool.shown[:count]
+    value = np.concatenate([worth(pool.utilities.take(part).costs(pool.logs))[:, shown] for part in parts])
+    for k, own in zip(doubted, places.reshape(len(doubted), -1), strict=True):
+        found[k] = int(np.argmax(np.where(rivals[k], value[own].mean(axis=0), -np.inf))), False
+    return found
 
 
 # --- A menu of three: the result, and two candidates that people like this one might prefer to it.

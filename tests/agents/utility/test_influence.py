@@ -1,11 +1,13 @@
 """Which answer carries the result, and what the next one can change."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from prefcal_agents.people import DRAWS, Scale, Utilities, overtaking
 from prefcal_agents.result import DrawPool, decisive, influences, stakes, turn
-from prefcal_env.preferences.answer import Answer, Preference
+from prefcal_env.preferences.answer import Answer, Mark, Preference
 from prefcal_env.preferences.history import Comparison, History
 from support.histories import in_cube
 from support.simulated import bank_of, random_bank
@@ -51,6 +53,22 @@ def test_with_the_answer_that_crowned_the_best_turned_the_one_before_is_the_resu
     history = record((FAIR, None), (9, -1))
     (only,) = influences(pool_of(history), history)
     assert (only.answer, only.reversed) == (1, 0)
+
+
+def test_the_chance_of_another_answer_follows_from_the_record_without_it():
+    history = record((POOR, None), (GOOD, -1), (9, 1), (11, 0), (FAIR, 1))
+    marked = history.comparisons[2]
+    # Without this answer the sample is not unsafe either, so that nothing says it is worse than the others.
+    unsafe = replace(marked, answer=replace(marked.answer, marks=frozenset({Mark.CHALLENGER_UNSAFE})))
+    half = replace(history.comparisons[4], answer=Answer(Preference.INCUMBENT, strength=0.5))
+    history = replace(history, comparisons=(*history.comparisons[:2], unsafe, history.comparisons[3], half))
+    pool = pool_of(history)
+    found = {each.answer: each.chance for each in influences(pool, history)}
+    for answer in (1, 2, 4):  # 3 is a tie
+        rest, other = history.retracted(answer), turn(history, answer)
+        before, after = pool.log_likelihoods([rest, other])
+        assert found.pop(answer) == pytest.approx(pool.weights(rest) @ np.exp(after - before), rel=1e-9)
+    assert not found
 
 
 def test_turning_an_answer_twice_changes_nothing():
