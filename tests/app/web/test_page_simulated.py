@@ -95,6 +95,7 @@ def test_the_picture_shows_the_simulated_and_the_best(browser, screen, theme):
     assert pixels(page, "#map", GOOD[theme]) > 60  # the star
     told = r"(\d+) simulated, 2 shown\. Not drawn: (\d+) failed, (\d+) stopped as unsafe or "
     simulated, failed, stopped = map(int, re.match(told, page.inner_text("#map-told")).groups())
+    assert re.search(r"The last that failed: Ts .*no solution.* arrow keys\.", page.inner_text("#map-told"))
     gray = page.locator("#map .scatterlayer .trace").first.locator(".point")
     assert gray.count() == simulated - 2 - failed - stopped > 20
     # Plotly puts empty characters around a subscript.
