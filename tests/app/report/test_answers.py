@@ -272,7 +272,7 @@ def test_the_experiment_that_was_judged_is_said_in_whole_sentences_of_the_brief(
     def said(brief):
         return dict(answers(replace(record, scenario=replace(record.scenario, brief=brief))))
 
-    steps = "The reference of T steps from 80 to 100.5 °C at the start. From 541 s on a load acts: 10 % on v."
+    steps = "The reference of T steps from 80 to 100 °C at the start. From 541 s on, a load acts: 10 % on v."
     assert said(f"{steps} {'More words ' * 20}.")["Experiment"] == steps
     assert "Experiment" not in said("")
 

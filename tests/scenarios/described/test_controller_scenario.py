@@ -437,7 +437,7 @@ def test_the_brief_says_what_was_chosen():
     scenario = pid_scenario(PLANTS["lag with dead time"])
     design = scenario.run.kpis.design
     assert f"The controller moves every {design.T_s:g} s." in scenario.brief
-    assert "on a load acts: " in scenario.brief
+    assert "on, a load acts: " in scenario.brief
     assert "The dead time of the input does not delay it." in scenario.brief  # which a load does not pass
 
 
