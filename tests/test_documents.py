@@ -5,10 +5,14 @@ Pages that need the benchmark are run by its own tests.
 
 import json
 import re
+from operator import attrgetter
 
 import pytest
 
+from prefcal_agents import people, result
 from prefcal_agents.registry import WORDS
+from prefcal_agents.screening import agent, bank
+from prefcal_env.preferences import answer
 from support.documents import (
     DOCUMENTS,
     ROOT,
@@ -89,3 +93,16 @@ def test_a_page_tells_every_word_for_an_agent():
     table = page.partition("| `--agent` | what it does |")[2].partition("\n\n")[0]
     told = re.findall(r"`([a-z-]+)`", "".join(line.split("|")[1] for line in table.split("\n")[2:]))
     assert told == list(WORDS)
+
+
+def test_each_rule_of_screening_names_the_code_that_names_its_number():
+    page = (ROOT / "docs" / "how_it_works.md").read_text()
+    rules = page.partition("## The rules of Screening in full")[2].partition("\n## ")[0]
+    told = re.findall(r"^(\d+)\. \*\*[^*]+\*\* \(`([\w.]+)` in `(?:\w+/)?(\w+)\.py`", rules, re.M)
+    assert [int(number) for number, *_ in told] == [*range(1, 15)]
+    files = {"answer": answer, "people": people, "bank": bank, "agent": agent, "result": result}
+    for number, name, file in told:
+        assert re.search(rf"Screening, rule {number}\b", attrgetter(name)(files[file]).__doc__), (
+            number,
+            name,
+        )

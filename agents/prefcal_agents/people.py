@@ -110,6 +110,8 @@ _HUGE = 1e100
 class Scale:
     """How the KPIs of a bank are measured: by the logarithm of the distance to a good value.
 
+    Screening, rule 3.
+
     Args:
         names: KPIs that differ in the bank.
         good: Good value of each, shape (k,): 0, or the best one if it can be negative.
@@ -230,7 +232,7 @@ class Utilities:
         ordered: Bool[np.ndarray, " s"] | None = None,
         mistakes: Mistakes = REAL,
     ) -> "Utilities":
-        """Return `count` draws before any answer is known.
+        """Return `count` draws before any answer is known (Screening, rule 4).
 
         `ordered` says which of them are orders, shape (count,); None for the first half.
         """
@@ -339,7 +341,7 @@ class Utilities:
         return np.asarray(found)
 
     def costs(self, logs: Float[np.ndarray, "*s m k"]) -> Float[np.ndarray, "s m"]:
-        """Return the cost of m experiments in each draw, shape (s, m).
+        """Return the cost of m experiments in each draw, shape (s, m): Screening, rule 7.
 
         Their log distances have the shape (m, k), or (s, m, k) if each draw has its own.
         """
@@ -415,7 +417,7 @@ class Utilities:
         tie: Bool[np.ndarray, " a"],
         rows: Int[np.ndarray, " r"] | slice = slice(None),
     ) -> Float[np.ndarray, "r a"]:
-        """Return the logarithm of the probability of each answer by each draw, shape (r, a).
+        """Return the logarithm of each answer's probability in each draw, shape (r, a): Screening, rule 5.
 
         Args:
             gain: How much better the preferred experiment is, or one of a tie, see `gain`.
@@ -641,6 +643,7 @@ class Posterior:
     ) -> "Posterior":
         """Return draws given the answers `new` instead. Those that both begin with are not worked out again.
 
+        Screening, rule 6.
         Source: N. Chopin, "A sequential particle filter method for static models" (2002): draws are
         repeated by how well they explain the new answers, then moved by Metropolis steps.
         Deviation: proposals draw from the distribution before any answer, so that the likelihood alone
@@ -858,7 +861,7 @@ def draw_on_plant(
     draws: int,
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "d m k"]:
-    """Return draws of what each KPI may be on the plant, shape (d, m, k).
+    """Return draws of what each KPI may be on the plant, shape (d, m, k): Screening, rule 11.
 
     Source: M. C. Kennedy, A. O'Hagan, "Predicting the output from a complex computer code when fast
     approximations are available" (2000): the plant is the simulation plus a Gaussian process.

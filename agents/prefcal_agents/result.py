@@ -24,7 +24,7 @@ _STEPS = 30  # steps of the fixed point; each one brings the constants several t
 
 @dataclass(frozen=True, eq=False, slots=True)
 class DrawPool:
-    """Draws given several records, and what weighs them for any other record."""
+    """Draws given several records, and what weighs them for any other record (Screening, rule 13)."""
 
     bank: Bank  # simulated θ, with their KPIs as measured where they ran
     scale: Scale  # how KPIs are measured

@@ -306,28 +306,20 @@ def new_minimum(
     return tried.fresh(domain.start, rng) if z is None else z
 
 
-def multistart(
-    objective: Objective,
-    domain: Domain,
-    rng: np.random.Generator,
-    *,
-    draws: int = 900,
-    starts: int = 3,
-    iterations: int = 40,
-) -> Float[np.ndarray, "m n"]:
+def multistart(objective: Objective, domain: Domain, rng: np.random.Generator) -> Float[np.ndarray, "m n"]:
     """Sample the cube and the neighborhood of the incumbent, then descend from the best few.
 
     Source: none; it solves eq. xNp1 for every agent here.
     Deviation: L-BFGS-B with analytic gradients from sampled starts instead of the paper's particle
     swarm, also in `GLISp.paper`. Measured in docs/deviations.md.
     """
-    points = _sample(domain, rng, draws)
+    points = _sample(domain, rng, 900)
     values = objective(points)
     order = np.argsort(values, kind="stable")
     points, values = points[order], values[order]
-    chosen = _apart(points, starts)
+    chosen = _apart(points, 3)
     # Values are computed again after snapping: rounding to a dial can lose more than the descent gained.
-    descended = domain.snap(np.array([_descend(objective, domain, points[k], iterations) for k in chosen]))
+    descended = domain.snap(np.array([_descend(objective, domain, points[k]) for k in chosen]))
     everything = np.vstack([descended, points])
     values = np.concatenate([objective(descended), values])
     return np.asarray(everything[np.argsort(values, kind="stable")])
@@ -356,9 +348,7 @@ def _apart(points: Float[np.ndarray, "m n"], count: int) -> list[int]:
     return chosen
 
 
-def _descend(
-    objective: Objective, domain: Domain, z: Float[np.ndarray, " n"], iterations: int
-) -> Float[np.ndarray, " n"]:
+def _descend(objective: Objective, domain: Domain, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """Return the result of L-BFGS-B from `z`, shape (n,); fixed coordinates stay."""
     if domain.fixed.all():
         return z
@@ -371,7 +361,7 @@ def _descend(
         jac=True,
         method="L-BFGS-B",
         bounds=list(zip(low, high, strict=True)),
-        options={"maxiter": iterations},
+        options={"maxiter": 40},
     )
     return np.asarray(np.clip(result.x, low, high))
 

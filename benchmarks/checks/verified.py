@@ -102,7 +102,7 @@ def compared(
     """Verify a sound or a fragile tuning, and let the other code judge the same plants and its own."""
     scenario = scenario_of(process)
     seed = 1000 * seed + list(PROCESSES).index(name)  # loops with the same draws would err alike
-    theta = np.array(scenario.references["robust"])
+    theta = np.array(scenario.references["MIGO"])
     if kind == "fragile":
         theta[0] *= _EDGE * largest(scenario, process, theta)
     usual = {f.name: f.high for f in scenario.source.varied().factors}

@@ -461,7 +461,7 @@ ROBUST = (1.6, 2.0, 2.5, 3.5, np.inf)
 """Maximum sensitivities, from the recommended range to what difficult plants allow."""
 
 
-def robust(
+def migo(
     plant: LinearSystem,
     omega: Float[np.ndarray, " m"],
     crossover: Float[np.ndarray, " k"],
@@ -469,7 +469,7 @@ def robust(
     largest: float = np.inf,
     N: float = 10.0,
 ) -> tuple[Tuning, float] | None:
-    """Return a robust tuning and its crossover frequency; None if no PID stabilizes the plant.
+    """Return the MIGO tuning and its crossover frequency; None if no PID stabilizes the plant.
 
     It maximizes the integral gain K_p / T_i at a sensitivity of at most 1.6 (more only if
     necessary), over both signs and a grid of crossover frequencies and times.

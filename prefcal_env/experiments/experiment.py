@@ -359,18 +359,6 @@ class Experiment:
         """Time from the first to the last instant, in `channels.time_unit`; 0 without a record."""
         return float(self.t[-1] - self.t[0]) if len(self.t) else 0.0
 
-    def at_control(self) -> Float[np.ndarray, "N1 n_x"]:
-        """Return the states at the N sampling instants and at the end, shape (N + 1, n_x).
-
-        Without a record the shape is (0, n_x).
-        """
-        if not len(self.t):
-            return self.x
-        instants = np.append(self.t_control, self.t[-1])
-        # The first instant that is not earlier, but for rounding.
-        nearest = np.searchsorted(self.t, instants - 1e-9 * max(1.0, abs(float(self.t[-1]))))
-        return np.asarray(self.x[nearest])
-
     def output(self, index: int) -> Float[np.ndarray, " K"] | None:
         """Return the output with number `index` (from 0) at `t`, shape (K,).
 

@@ -97,7 +97,7 @@ def _float(name: str, value: Any) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """How people read the KPIs of experiments, given as agents know them: lower is better."""
+    """How people read KPIs, given as agents know them: lower is better (Screening, rule 1)."""
 
     # Name of a KPI to the smallest difference that is shown, in its unit; 0 if only its four digits limit it.
     # KPIs without a row are compared exactly.

@@ -26,6 +26,11 @@ _SYMBOL = re.compile(
     r"(?:(?<![\w./:;-])|(?<=\b[A-Z]_[a-z]/)|(?<=\b1/)|(?<=[)′]/))"
     r"([A-Za-z])_(\w{1,2})(?!\w|=|[.:]\w|/(?!([A-Z]_[a-z]|N)\b(?![./]\w))\w)"
 )
+# The space between a number and a unit: one letter, or a word that is no plain one; or a sign and its number.
+_BEFORE_UNIT = re.compile(
+    r"(?<=\d) (?=[a-z]?[^a-z\d\s\-(]|[a-z](?![a-z])|[a-z]+[A-Z/²³·]|(?:min|ms|mm|cm|km|kg|rad|rpm|bar|mol)\b)"
+    r"|(?<=[≤≥]) (?=[−\d])"
+)
 
 MISSING = "–"  # text of a value that is not known
 
@@ -262,8 +267,12 @@ def with_subscripts(name: str) -> Markup:
 
 
 def symbols_in(text: str) -> Markup:
-    """Return a sentence for HTML, escaped, with symbols such as K_p; names of files stay as they are."""
-    return Markup(_SYMBOL.sub(r"\1<sub>\2</sub>", str(escape(text))))
+    """Return a sentence for HTML, escaped, with symbols such as K_p and no line that ends before a unit.
+
+    Names of files stay as they are, and options of a command.
+    """
+    together = _BEFORE_UNIT.sub("\N{NO-BREAK SPACE}", str(escape(text)))
+    return Markup(_SYMBOL.sub(r"\1<sub>\2</sub>", together))
 
 
 def knob_axis(knob: Knob) -> str:

@@ -90,7 +90,7 @@ def test_symbols_in_sentences_have_subscripts_and_names_of_files_stay():
         assert symbols_in(path) == path
     said = symbols_in("M_s ≤ 2 (K_p, T_i): docs/own_scenario.py:my_loop and x_1.py stay. Then T_d.")
     assert said == (
-        "M<sub>s</sub> ≤ 2 (K<sub>p</sub>, T<sub>i</sub>): docs/own_scenario.py:my_loop and x_1.py stay. "
+        "M<sub>s</sub> ≤\xa02 (K<sub>p</sub>, T<sub>i</sub>): docs/own_scenario.py:my_loop and x_1.py stay. "
         "Then T<sub>d</sub>."
     )
 

@@ -139,7 +139,7 @@ class Certificate:
 
     @classmethod
     def of(cls, found: Evidence) -> Self:
-        """Return what can be said by the evidence.
+        """Return what can be said by the evidence (Screening, rule 12).
 
         Nothing can if the draws predict each answer from the others no better than by chance, or
         if θ predicts them better.
@@ -351,6 +351,8 @@ class Screening(Simulating):
     def _leader(self, history: History) -> int | None:
         """Return the sample of the largest worth that is probably better than the answers' best.
 
+        Screening, rule 9.
+
         One wrong answer can cost the best experiment its place. All answers and the KPIs together
         give it back without a question, unless the person hardly follows the KPIs: then what won
         stays. In a robust study the best one that holds takes the place of one that does not; if none
@@ -466,6 +468,8 @@ def now_and_next(
 ) -> Float[np.ndarray, " m"]:
     """Return the mean of what is expected after this answer and after the next one, shape (m,).
 
+    Screening, rule 8.
+
     What is expected is the worth of the best one; the next question is the best one for each of the
     three answers. Without the first half, a question that leads nowhere could come before a good
     one. Only the θ that promise most by one answer are looked at; others are worth -inf.
@@ -577,7 +581,7 @@ def _row(bank: Bank, theta: Float[np.ndarray, " n"]) -> int | None:
 
 
 def without_kpis(history: History, stage: Stage, growth: Growth) -> bool:
-    """Return whether the next θ is proposed without KPIs."""
+    """Return whether the next θ is proposed without KPIs (Screening, rule 10)."""
     if stage.bank.hopeless[stage.spread].all():
         return False
     return is_stalled(history) or not growth.explains(history.past)

@@ -152,7 +152,7 @@ class Simulations:
         )
 
     def held(self, bank: Bank, rows: Int[np.ndarray, " r"]) -> Bool[np.ndarray, " r"]:
-        """Return which rows of a bank hold, shape (r,): all do where the study is not robust.
+        """Return which rows of a bank hold, shape (r,): all do unless robust: Screening, rule 14.
 
         They keep in all perturbed runs what they keep nominally, and no row misses fewer stated limits: or
         the more a θ missed, the less it would have to hold.
@@ -702,7 +702,7 @@ def near_leaders(
     count: int,
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "count n"]:
-    """Return points of the cube near the θ with the lowest costs, shape (count, n).
+    """Return points of the cube near the θ with the lowest costs, shape (count, n): Screening, rule 2.
 
     Each point belongs to one draw: one of its best θ, plus a part of the difference of two of its
     leaders. So steps are long while leaders are far apart, and shrink with them.

@@ -630,6 +630,7 @@ class _Display(Progress):
             rows["best θ"] = f"{best} (experiment {now.incumbent + 1})"
         if (simulated := self._interview.known.simulated) is not None:
             rows["unseen"] = simulated.line
+            rows |= {"failed": simulated.failure} if simulated.failure else {}
         elif (running := now.running) > 1:
             rows["at once"] = f"{running} experiments are running"
         for name, text in rows.items():

@@ -36,20 +36,21 @@ def run(options: IdentifyOptions) -> int:
     console.print(_numbers(found))
     for line in (*_conditions(found, made), *made.notes):
         say(console, line)
-    kept = _kept(found, path.with_suffix(KEPT_PLANT))
+    kept = _kept(found, path)
     put(target, picture(test, made))
     say(console, f"Picture: {target}", *kept)
     return 0
 
 
-def _kept(found: Found, path: Path) -> tuple[str, ...]:
-    """Keep what was found in a file; return where, and what comes next, or why it cannot be kept."""
+def _kept(found: Found, record: Path) -> tuple[str, ...]:
+    """Keep what was found beside its record; return where, and what comes next, or why it cannot be kept."""
+    path = record.with_suffix(KEPT_PLANT)
     try:
         found.write(path)
     except OSError as error:
         return (f"Plant:   not kept, since {path} cannot be written: {error.strerror}",)
-    following = shlex.join(["prefcal", "calibrate", "pid", "--plant", str(path)])
-    return f"Plant:   {path}", f"Next:    {following}"
+    following = shlex.join(["prefcal", "calibrate", "pid", "--plant", str(record)])
+    return f"Plant:   {path}, which is found by its record", f"Next:    {following}"
 
 
 def _limits(text: str) -> tuple[float, float] | None:

@@ -41,7 +41,6 @@ from .study import (
     GOOD_ENOUGH,
     MARKS,
     QUESTIONS,
-    TRANSITIONS,
     Choice,
     Moment,
     Phase,
@@ -756,14 +755,3 @@ ACTIONS: Mapping[str, type[Action]] = MappingProxyType(
 def possible(study: Study) -> frozenset[str]:
     """Return the names of the actions that can be taken now; screens offer these and no others."""
     return frozenset(name for name, action in ACTIONS.items() if action.refusal(study) is None)
-
-
-def transitions() -> str:
-    """Return the whole machine as a table: which actions a phase allows, and where each event leads."""
-    heads = ["", *(phase.value for phase in Phase)]
-    rows = [[name, *("can" * (p in action.when) for p in Phase)] for name, action in ACTIONS.items()]
-    for happened, (sources, target) in TRANSITIONS.items():
-        name = happened.value if isinstance(happened, Moment) else happened.__name__
-        rows.append([name, *(target.value * (p in sources) for p in Phase)])
-    lines = [heads, ["---"] * len(heads), *rows]
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)

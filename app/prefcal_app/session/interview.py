@@ -336,7 +336,8 @@ def simulated(driver: Driver) -> SimulationCounts | None:
         count, failed = len(screened.bank.failed), int(screened.bank.failed.sum())
     # Equal θ run once: where nothing is simulated any more, fewer than that were.
     twin, due = driver.thoughts.twin is not None, agent.due if simulator.busy else 0
-    return SimulationCounts(count, planned, failed, shown, twin=twin, due=due, seconds=simulator.seconds)
+    why = simulator.failure if failed else ""
+    return SimulationCounts(count, planned, failed, shown, twin, due, simulator.seconds, why)
 
 
 class Past:

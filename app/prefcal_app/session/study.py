@@ -245,8 +245,8 @@ def why_over(ended: str, found: Findings | None = None) -> str:
         return ended
     said = None if found is None else found.certificate
     if said is None or said.share is None:
-        return "enough answers"
-    return f"enough answers, fewer than {100 * said.share:.0f} % of random θ are noticeably better"
+        return "few random θ are noticeably better"
+    return f"fewer than {100 * said.share:.0f} % of random θ are noticeably better"
 
 
 class Moment(Enum):

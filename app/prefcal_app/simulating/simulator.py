@@ -38,7 +38,7 @@ from prefcal_scenarios import verification
 from prefcal_scenarios.own import fingerprint, fingerprint_of_code
 from prefcal_scenarios.runs import FailedRun, Result, RunTask, all_screened, has_goals, reading
 from prefcal_scenarios.scenario import Scenario, with_ranges
-from prefcal_scenarios.wording import counted
+from prefcal_scenarios.wording import counted, theta_text
 
 # --- Keep the KPIs of simulated θ in a file beside the study: nothing is simulated twice.
 
@@ -242,6 +242,7 @@ class SimulationCounts:
     due: int = 0  # number of θ to simulate before the next question; 0 if nothing is simulated now
     # About how long the runs of a question of a robust study take; 0 if that is not known
     seconds: float = 0.0
+    failure: str = ""  # θ of the last simulation that failed, and why; empty if none has, or not known
 
     @property
     def pace(self) -> str:
@@ -370,7 +371,7 @@ class Simulator:
         self.tell: Callable[[], None] = lambda: None
         """Function that is called during a batch, twice a second, when there is progress."""
         self.failure = ""
-        """How the last simulation that failed did so; empty if none has."""
+        """θ of the last simulation that failed, and why it did; empty if none has."""
 
     def __enter__(self) -> Self:
         return self
@@ -502,7 +503,8 @@ class Simulator:
         for (theta, result), kpis in zip(arrived, known, strict=True):
             again = False
             if isinstance(result, FailedRun):
-                self.failure = result.words
+                if nominal:
+                    self.failure = f"{theta_text(self.scenario.space, theta)}: {result.words}"
                 # A run that took too long, or whose process ended, may succeed another time.
                 again = result.why != "raised"
             if self._kept is not None and not again:

@@ -28,7 +28,7 @@ def judged(campaign):
 
 def test_the_second_scenario_runs_on_the_true_plant(judged):
     plant, _, model, true = judged
-    theta = model.references["robust"]
+    theta = model.references["MIGO"]
     made = true.run(theta)
     assert not np.array_equal(made.y, model.run(theta).y)
     # What the input does at the end of the run is what the true gain needs for the set point.
@@ -40,7 +40,7 @@ def test_the_second_scenario_runs_on_the_true_plant(judged):
 
 def test_a_tuning_that_oscillates_does_not_settle(campaign, judged):
     _, _, model, true = judged
-    assert campaign.settles(true.run(model.references["robust"]))
+    assert campaign.settles(true.run(model.references["MIGO"]))
     (K_p, *others) = model.space.knobs
     wild = np.array([max(K_p.low, K_p.high, key=abs), *(knob.low for knob in others)])
     assert not campaign.settles(true.run(wild))

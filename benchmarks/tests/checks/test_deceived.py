@@ -63,7 +63,7 @@ def test_a_slow_actuator_is_found():
 
 def test_a_resonance_in_the_model_costs_its_margins():
     scenario = pid((0.8,), np.polymul([20.0, 1.0], [4.0, 0.1, 1.0]))
-    theta = np.array(scenario.references["robust"])
+    theta = np.array(scenario.references["MIGO"])
     slow, fast = (margins_at(scenario.source.varied(), theta * [k, 1, 1, 1]) for k in (1.0, 4.0))
     assert slow.M_s < 2.1
     assert fast.gain == 1.0, "it is unstable"
@@ -75,7 +75,7 @@ def only(ranges):
 
 def fastest(scenario, left):
     """The robust tuning with a larger gain, so that only a share of the delay margin is `left`."""
-    theta, known = np.array(scenario.references["robust"]), scenario.source.varied()
+    theta, known = np.array(scenario.references["MIGO"]), scenario.source.varied()
     all_of_it = margins_at(known, theta).delay
     gains = theta * np.array([[k, 1, 1, 1] for k in np.geomspace(1, 20, 80)])
     return next(each for each in gains if margins_at(known, each).delay < left * all_of_it)

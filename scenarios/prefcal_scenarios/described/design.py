@@ -351,7 +351,7 @@ class Single:
     process: ProcessModel  # what limits its control
     load: float = 0.0  # load disturbance at the input
     phase: float = 0.0  # time that a step or a load takes with the tuning in the middle
-    # tunings of its PID by name: "robust", in the middle of the ranges, and rules
+    # tunings of its PID by name: "MIGO", in the middle of the ranges, and rules
     tunings: Mapping[str, Tuning] = field(default_factory=dict)
 
     @property

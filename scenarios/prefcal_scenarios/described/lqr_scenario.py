@@ -45,7 +45,7 @@ def lqr_scenario(
     The knobs are weights: Q_y of the error and Q_i of the integrated error of each controlled
     output, and R of each input but the first; Q_i may be in another unit of time. The controller
     measures the states. The arguments, and how steps, loads, sampling time and duration are found, are
-    those of `pid_scenario`; the ranges are around the fastest robust tuning.
+    those of `pid_scenario`; the ranges are around the fastest weights of small sensitivity.
 
     Raises:
         ScenarioError: If the plant has no states or no steady state, a name does not exist, or no
@@ -67,7 +67,7 @@ def lqr_scenario(
         name="lqr",
         brief=brief,
         title=title or f"LQR of {name_of(plant, found)}",
-        references={"robust": theta_of(space, found.middle / factors)},
+        references={"middle": theta_of(space, found.middle / factors)},
     )
 
 
@@ -176,7 +176,7 @@ def _whole(plant: Plant, found: Design) -> LinearSystem:
 
 
 def _tuned(plant: Plant, found: Design) -> Design:
-    """Return the design with loads and phases, and the weights of the fastest robust tuning.
+    """Return the design with loads and phases, and the fastest weights of small sensitivity.
 
     If the inputs' limits allow none, the last one that settles.
     """

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from prefcal_env.compiling import compile_ahead, of_linear_runs
 from prefcal_env.controllers.margins import minimal, peak_of_sampled, sampled
-from prefcal_env.controllers.pid import PID, Decentralized, LinearPIDs, Tuning, robust, simc, ziegler_nichols
+from prefcal_env.controllers.pid import PID, Decentralized, LinearPIDs, Tuning, migo, simc, ziegler_nichols
 from prefcal_env.errors import ScenarioError
 from prefcal_env.knobs import Knob
 from prefcal_env.plants.plant import Plant
@@ -22,7 +22,7 @@ from .steps import Factors, name_of, plant_of, scenario_of_steps, space_of, thet
 
 N = 10.0
 """Filter of the derivative part: its largest gain relative to K_p."""
-_FARTHEST = 6.0  # largest ratio of a rule's gain or integral time to those of the robust tuning
+_FARTHEST = 6.0  # largest ratio of a rule's gain or integral time to those of the MIGO tuning
 _REACH = 5.0  # least ratio of the end of a range to its middle
 _ABOUT = {
     "K_p": "Gain: a larger one reacts more strongly to errors and to noise.",
@@ -44,7 +44,7 @@ def pid_scenario(
     """Make the scenario of tuning a PID for `plant`: all that is not given is found.
 
     Found are a steady state to start from, the step of the reference, the sampling time, the
-    duration, a load on the input in the second half, and ranges around a robust tuning that hold
+    duration, a load on the input in the second half, and ranges around the MIGO tuning that hold
     those of Skogestad and of Ziegler and Nichols where these rules apply. With several outputs,
     each gets a PID of its own, paired by the relative gain array; the references step one after
     the other.
@@ -164,7 +164,7 @@ def _tune(plant: Plant, found: Design, loop: Single) -> Single:
     omega = np.geomspace(1e-4 * np.pi / T_s, 0.999 * np.pi / T_s, 400)
     # At this gain a step of the reference moves the input to its farther limit: more would saturate at once.
     largest = max(channel.high - point.u[j], point.u[j] - channel.low) / abs(loop.step)
-    best = robust(model, omega, np.geomspace(2e-3, 0.25, 26) * np.pi / T_s, largest=largest)
+    best = migo(model, omega, np.geomspace(2e-3, 0.25, 26) * np.pi / T_s, largest=largest)
     if best is None:
         pairs = zip(plant.states, point.x, strict=True)
         state = ", ".join(f"{c.name} = {v:.4g} {c.unit}".rstrip() for c, v in pairs)
@@ -202,7 +202,7 @@ def _hidden(J: LinearSystem) -> str:
 def _tunings(
     loop: Single, model: LinearSystem, omega: Float[np.ndarray, " m"], center: Tuning
 ) -> dict[str, Tuning]:
-    """Return the robust tuning, and those by rules that apply, are stable and near it.
+    """Return the MIGO tuning, and those by rules that apply, are stable and near it.
 
     Near means that a range around it can hold them without becoming useless.
     """
@@ -212,7 +212,7 @@ def _tunings(
     rules = {"SIMC": simc(half), "SIMC without T_d": simc(half, derivative=False)}
     if not process.unstable:
         rules["Ziegler-Nichols"] = ziegler_nichols(model, omega, float(np.sign(center.K_p)))
-    found = {"robust": center}
+    found = {"MIGO": center}
     for name, t in rules.items():
         # T_d starts at 0, so a longer range would move its middle.
         if t is not None and t.T_d <= 2 * center.T_d:
@@ -224,9 +224,9 @@ def _tunings(
 
 
 def _knobs(plant: Plant, found: Design, k: int, own: Sequence[Knob]) -> list[Knob]:
-    """Return K_p, T_i, T_d and b of loop k, with ranges around the robust tuning."""
+    """Return K_p, T_i, T_d and b of loop k, with ranges around the MIGO tuning."""
     loop, end, time = found.loops[k], found.suffix(k), plant.time_unit
-    y, u, center = plant.outputs[loop.output], loop.channel, loop.tunings["robust"]
+    y, u, center = plant.outputs[loop.output], loop.channel, loop.tunings["MIGO"]
     where = f"Loop {end[1:]}, {y.name} by {u.name}. " if end else ""
     about = {name: where + text for name, text in _ABOUT.items()}
     if _sign(loop) < 0:
@@ -258,8 +258,8 @@ def _unit(u: str, y: str, given: str) -> str:
 
 
 def _sign(loop: Single) -> float:
-    """Return the sign of K_p: that of the robust tuning, which alone stabilizes the loop."""
-    return float(np.sign(loop.tunings["robust"].K_p))
+    """Return the sign of K_p: that of the MIGO tuning, which alone stabilizes the loop."""
+    return float(np.sign(loop.tunings["MIGO"].K_p))
 
 
 def _sign_range(plant: Plant, found: Design, knob: Knob) -> Knob:

@@ -446,7 +446,7 @@ def _brief(plant: Plant, design: Design) -> str:
     loads = [(f"{p.load:g} {p.channel.unit}".rstrip(), p.channel.name) for p in design.loops]
     acting = ", ".join(f"{load} on {name}" for load, name in loads)
     behind = " The dead time of the input does not delay it." if any(delays_of(plant)[0]) else ""
-    said.append(f"From {len(design.loops) * phase:.4g} {time} on a load acts: {acting}.{behind}")
+    said.append(f"From {len(design.loops) * phase:.4g} {time} on, a load acts: {acting}.{behind}")
     said.append(f"The controller moves every {design.T_s:g} {time}.")
     for loop in design.loops:
         c, own = loop.channel, plant.inputs[loop.input]

@@ -24,9 +24,10 @@ def test_numbers_picture_and_plant_are_said_and_kept_and_the_next_command_works(
     assert "around the start, temperature = 52 °C and valve = 40 %; valve may reach 0 to 100 %" in said
     assert (tmp_path / "step.png").read_bytes()[:4] == b"\x89PNG"
     assert len(json.loads((tmp_path / "step.plant.json").read_text(encoding="utf-8"))["models"]) == 300
-    assert said.splitlines()[-1] == "Next:    prefcal calibrate pid --plant step.plant.json"
-    checked = done("check", "pid", "--plant", "step.plant.json")
-    assert "All in order. Start with: prefcal calibrate pid --plant step.plant.json" in checked
+    assert said.splitlines()[-1] == "Next:    prefcal calibrate pid --plant step.csv"
+    for named in ("step.csv", "step.plant.json"):
+        checked = done("check", "pid", "--plant", named)
+        assert f"All in order. Start with: prefcal calibrate pid --plant {named}" in checked
 
 
 def test_columns_units_limits_and_picture_can_be_named(done, tmp_path):
@@ -39,12 +40,15 @@ def test_columns_units_limits_and_picture_can_be_named(done, tmp_path):
     assert "Noise of 0.0" in said
     assert " K over the record." in said
     assert (tmp_path / "look.png").is_file()
+    # The record names the plant that was found with these options.
+    assert said.splitlines()[-1] == "Next:    prefcal calibrate pid --plant log.csv"
+    assert "PID of T2 by MV" in done("check", "pid", "--plant", "log.csv")
 
 
 def test_the_next_command_is_quoted_and_none_is_said_if_the_plant_cannot_be_kept(done, tmp_path):
     (tmp_path / "step.csv").rename(tmp_path / "my step.csv")
     said = done("identify", "my step.csv")
-    assert said.splitlines()[-1] == "Next:    prefcal calibrate pid --plant 'my step.plant.json'"
+    assert said.splitlines()[-1] == "Next:    prefcal calibrate pid --plant 'my step.csv'"
     (tmp_path / "my step.plant.json").unlink()
     (tmp_path / "my step.plant.json").mkdir()
     said = done("identify", "my step.csv")

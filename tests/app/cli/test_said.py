@@ -23,10 +23,10 @@ FILES = ("report.html", "acceptance.html", "best.json")
 
 
 def answers(folder=Path("out")):
-    """What the sheet answers about the result: whether there were enough answers, and why this one."""
+    """What the sheet answers about the result: what is left to gain, and why this one."""
     text = html.unescape(re.sub(r"<[^>]+>", " ", (folder / "acceptance.html").read_text(encoding="utf-8")))
-    enough, why = re.search(r"Enough answers\?(.*?)Why this one(.*?)The way back", text, re.DOTALL).groups()
-    return " ".join(enough.split()), " ".join(why.split())
+    left, why = re.search(r"Left to gain(.*?)Why this one(.*?)The way back", text, re.DOTALL).groups()
+    return " ".join(left.split()), " ".join(why.split())
 
 
 @pytest.fixture(autouse=True)
@@ -39,9 +39,9 @@ def test_a_report_that_is_written_again_says_what_was_said_at_the_end(prefcal, t
     code, out, err = prefcal(*STUDY, "--calibrator", "synthetic")
     assert code == 0, err
     assert "Not verified on other plants than the modeled one: run prefcal verify out/best.json." in out
-    enough, why = answers()
-    assert enough.split(" A weighted sum")[0] in out  # the sheet says how sure that is, too
-    assert "simulated is better than the best so far" in enough
+    left, why = answers()
+    assert left.split(" A weighted sum")[0] in out  # the sheet says how sure that is, too
+    assert "simulated is better than the best so far" in left
     assert re.split(r"(?<=\.) (?=[A-Z])", why)[0] in out
     assert why != UNTOLD
     written = {name: (tmp_path / "out" / name).read_bytes() for name in FILES}

@@ -63,7 +63,7 @@ def test_a_run_with_another_step_is_drawn_with_the_target_it_had():
         ([1.6], [40.0, 1.0]), delay=7.0, inputs=[Channel("valve", "%", 0, 100)], outputs=[Channel("T", "°C")]
     )
     scenario = pid_scenario(plant, reference={"T": 100.0})
-    theta = scenario.references["robust"]
+    theta = scenario.references["MIGO"]
     values = {"size of the step": 0.85, "start": 0.1, "direction": -1.0}
     runs = [VerifiedRun(v, 0, End.TIME_UP, {}) for v in ({}, values)]
     nominal, varied = replays(scenario, theta, runs)
@@ -80,7 +80,7 @@ def test_a_run_with_another_step_is_drawn_with_the_target_it_had():
 
 def test_stated_limits_are_drawn_in_each_picture_where_they_are_in_its_run():
     scenario = pid_scenario(Plant.of(([1.6], [40.0, 1.0]), delay=7.0, outputs=["T"]))
-    made, end = scenario.run(scenario.references["robust"]), np.inf
+    made, end = scenario.run(scenario.references["MIGO"]), np.inf
     marks = {
         "nominal": [Mark("T", 3.0, 3.0, 0.0, 9.0), Mark("T", 1.0, 2.0), Mark("T", -end, end, 5.0, 5.0)],
         "worst run 1": [Mark("T", 4.0, 4.0, 0.0, 9.0)],
@@ -138,7 +138,7 @@ def test_a_slow_study_is_drawn_where_it_moves(draw):
     usual, slow = (pid_scenario(plant, reference={"T": 100.0}, horizon=h) for h in (None, 28_800.0))
     found = []
     for scenario in (usual, slow):
-        made = scenario.run(scenario.references["robust"])
+        made = scenario.run(scenario.references["MIGO"])
         drawn = draw(scenario, made, made)
         axes = [each for each in drawn.axes if each.get_visible()]
         found.append({each.get_xlim(): each.get_xlabel() for each in axes if each.get_xlabel()})

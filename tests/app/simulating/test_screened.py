@@ -209,10 +209,9 @@ def certified(certificate, chance=0.08, simulated=940):
 
 def test_why_a_study_is_over_does_not_contradict_what_is_said_of_its_result():
     # "Little is left" stood beside a chance of 30 % that the most promising one is noticeably better.
-    assert why_over(ENOUGH, certified(CERTIFIED)) == (
-        "enough answers, fewer than 6 % of random θ are noticeably better"
-    )
-    assert why_over(ENOUGH) == why_over(ENOUGH, certified(replace(CERTIFIED, share=None))) == "enough answers"
+    assert why_over(ENOUGH, certified(CERTIFIED)) == ("fewer than 6 % of random θ are noticeably better")
+    unsaid = certified(replace(CERTIFIED, share=None))
+    assert why_over(ENOUGH) == why_over(ENOUGH, unsaid) == "few random θ are noticeably better"
     assert why_over("stopped", certified(CERTIFIED)) == "stopped"
 
 

@@ -61,6 +61,9 @@ def test_failures_are_counted_and_not_repeated(monkeypatch):
         assert not raises
         assert not crashes
         assert (simulator.count, simulator.failed) == (3, 2)
+        where, why = simulator.failure.split(": ", 1)
+        assert where == "gain 0.01 · delay 0.5 s"
+        assert why
         monkeypatch.setattr(simulator, "_in", None)  # it may run nothing again
         assert simulator.many(thetas) == [works, raises, crashes]
 

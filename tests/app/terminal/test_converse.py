@@ -40,7 +40,7 @@ def test_a_whole_study_by_keys(interview):
 def test_a_study_that_ends_early_says_why_and_how_to_go_on(monkeypatch):
     monkeypatch.setattr(GLISp, "has_enough", lambda agent, history: len(history.lessons) >= 2)
     out = talk(begin(toy_scenario(), n_max=5, stops=True), "lr")
-    assert "The study is finished: enough answers (--n-max 6 goes on)." in out
+    assert "The study is finished: few random θ are noticeably better (--n-max 6 goes on)." in out
 
 
 @pytest.mark.parametrize("width", [80, 140])

@@ -95,6 +95,7 @@ def test_the_picture_shows_the_simulated_and_the_best(browser, screen, theme):
     assert pixels(page, "#map", GOOD[theme]) > 60  # the star
     told = r"(\d+) simulated, 2 shown\. Not drawn: (\d+) failed, (\d+) stopped as unsafe or "
     simulated, failed, stopped = map(int, re.match(told, page.inner_text("#map-told")).groups())
+    assert re.search(r"The last that failed: Ts .*no solution.* arrow keys\.", page.inner_text("#map-told"))
     gray = page.locator("#map .scatterlayer .trace").first.locator(".point")
     assert gray.count() == simulated - 2 - failed - stopped > 20
     # Plotly puts empty characters around a subscript.
@@ -148,7 +149,7 @@ def test_it_offers_to_stop_and_going_on_is_respected(browser, screen):
     offer = page.inner_text("#offer-text")
     assert re.fullmatch(
         r"The chance that the most promising of the \d+ simulated is better than the best so far "
-        r"is 8 %\. Stop here, or go on\?",
+        r"is 8\s%\. Stop here, or go on\?",
         offer,
     )
     watched.shot("offer")
@@ -158,7 +159,7 @@ def test_it_offers_to_stop_and_going_on_is_respected(browser, screen):
     assert page.is_hidden("#offer")
     page.keyboard.press("w")
     page.wait_for_selector("text=Continue or stop?")
-    assert "simulated is better than the best so far is 8 %" in page.inner_text("#view-status")
+    assert "simulated is better than the best so far is 8\xa0%" in page.inner_text("#view-status")
     page.reload()
     page.wait_for_selector("#offer:visible")
     page.click("#offer-finish")

@@ -198,7 +198,9 @@ def test_on_a_phone_a_whole_panel_with_both_runs_is_above_the_answers(browser, w
     watched.shot(f"phone-{size[1]}")
     top, footer = (page.locator(at).bounding_box() for at in (".top", "#verdicts"))
     assert top["height"] + footer["height"] < 190
-    assert page.locator("kbd:visible").count() == 0
+    assert page.locator("kbd:visible, .by-key:visible").count() == 0
+    assert "31.08\xa0h ✓" in page.inner_text("#left-numbers")
+    assert "≤\xa048\xa0h" in page.inner_text("#left-numbers")  # the limit that ✓ is about
     choices = ("left", "same", "cannot-tell", "right")
     tops = [page.locator(f"#verdict-{c}").bounding_box()["y"] for c in choices]
     assert max(tops) - min(tops) < 3  # one row

@@ -63,8 +63,8 @@ def test_a_study_stays_near_what_the_record_has_shown(record, plant):
 @pytest.mark.parametrize("kind", ["pid", "lqr"])
 def test_a_study_starts_where_the_record_did_with_limits_as_the_actuator_has_them(record, plant, kind):
     scenario = load(f'{kind} {{"plant": "{record.as_posix()}", "reference": {{"temperature": 60}}}}')
-    made = scenario.run(scenario.references["robust"])
-    settings = scenario.settings(scenario.references["robust"])
+    theta = scenario.references["MIGO" if kind == "pid" else "middle"]
+    made, settings = scenario.run(theta), scenario.settings(theta)
     assert made.y[0] == pytest.approx(52, abs=0.05)
     assert made.y_ref[0] == 60
     assert made.kpis["settling_time"] < np.inf
@@ -213,7 +213,7 @@ def test_the_sample_can_be_left_out_or_cut_but_never_grown(plant):
 
 def test_a_verification_names_the_record_and_what_it_leaves_open(record, plant):
     scenario = load(f'pid {{"plant": "{record.as_posix()}"}}')
-    found = verify(scenario, scenario.references["robust"], 4, jobs=1)
+    found = verify(scenario, scenario.references["MIGO"], 4, jobs=1)
     assert found.factors[0].name == "plant identified from step.csv"
     assert {run.values[found.factors[0].name] for run in found.runs} <= {float(k) for k in range(1, 301)}
     assert "dead time" not in {name for name, _ in found.left_out}
@@ -222,7 +222,7 @@ def test_a_verification_names_the_record_and_what_it_leaves_open(record, plant):
     assert all("lag of the actuators" not in run.values for run in found.runs)
     # Its sensor is as noisy as the record is, where that is more than usual.
     noise = next(factor for factor in found.factors if factor.name == "noise")
-    step = abs(scenario.run(scenario.references["robust"]).y_ref[0] - 52)
+    step = abs(scenario.run(scenario.references["MIGO"]).y_ref[0] - 52)
     assert noise.high == pytest.approx(NOISE / step, rel=0.2)
     assert noise.high > 0.002
     assert noise.told == "identified: the noise of step.csv, 0.046 °C"

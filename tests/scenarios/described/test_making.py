@@ -260,7 +260,7 @@ def test_margins_can_be_limits_of_a_pid(tmp_path):
     file.write_text(f"{text}phase_margin = {{ at_least = 50 }}\ngain_margin = {{ at_least = 6 }}\n")
     scenario = load(str(file))
     phase, gain = scenario.kpis[1:]
-    theta = scenario.references["robust"]
+    theta = scenario.references["MIGO"]
     run = scenario.run(theta)
     assert (phase.at_least, phase.unit, gain.at_least) == (50, "°", 6)
     assert not phase.met_by(run)

@@ -37,6 +37,15 @@ def test_what_is_printed_to_be_typed_is_plain_and_is_read_back_exactly():
     assert str(symbols_in(f'--start "{said}"')).count("<sub>") == 0
 
 
+def test_no_line_of_a_page_ends_between_a_number_and_its_unit():
+    text = "from 68 to 78 degC at 40 %, 5 s or 12 min; ≤ 3 °C/%: 298 of 299 runs (seed 1) --runs 20 --seed 3"
+    kept = str(symbols_in(text)).replace("\N{NO-BREAK SPACE}", "~")
+    assert (
+        kept
+        == "from 68 to 78~degC at 40~%, 5~s or 12~min; ≤~3~°C/%: 298 of 299 runs (seed 1) --runs 20 --seed 3"
+    )
+
+
 @pytest.mark.parametrize("other", ["log Q", "log Q_y"])
 def test_a_name_that_is_not_clear_without_its_other_letters_keeps_them(other):
     space = KnobSpace([Knob("log Q_Δu", -6.0, 2.0), Knob(other, -6.0, 2.0)])

@@ -165,7 +165,7 @@ HEATER = Plant.of(
 
 def test_a_pid_on_a_plant_of_ones_own_is_varied():
     scenario = pid_scenario(HEATER)
-    theta, subject = scenario.references["robust"], found(scenario)
+    theta, subject = scenario.references["MIGO"], found(scenario)
     names = {f.name for f in subject.factors}
     assert {"all time constants", "gain of valve", "dead time", "noise", "backlash"} <= names
     same = subject.at({})(theta)
@@ -185,7 +185,7 @@ def test_a_pid_on_a_plant_of_ones_own_is_varied():
 
 def test_start_size_and_direction_of_the_step_vary_and_kpis_are_measured_by_the_new_one():
     scenario = pid_scenario(HEATER)
-    theta, subject = scenario.references["robust"], found(scenario)
+    theta, subject = scenario.references["MIGO"], found(scenario)
     assert "step" not in " ".join(dict(subject.left_out))
     nominal = scenario.run(theta)
     y0, step = nominal.output(0)[0], 10.0
@@ -264,7 +264,7 @@ LATE = {
 @pytest.mark.parametrize("where", LATE)
 def test_dead_time_varies_by_the_same_share_wherever_it_stands(where):
     scenario = pid_scenario(LATE[where](1.0))
-    theta, subject = scenario.references["robust"], found(scenario)
+    theta, subject = scenario.references["MIGO"], found(scenario)
     (factor,) = (f for f in subject.factors if f.kind == "dead time")
     least = 1.4 if where != "discrete" else 2.0  # 20 % of 7, or whole samples
     assert (factor.nominal, factor.low) == (7.0, pytest.approx(7.0 - least))
@@ -468,7 +468,7 @@ def test_a_controller_sees_its_own_command_within_the_range_and_not_the_backlash
 def test_usual_margins_are_offered_where_none_is_limited_and_an_unstable_loop_is_called_so():
     scenario = pid_scenario(HEATER)
     loose = replace(scenario, kpis=tuple(replace(kpi, at_most=np.inf) for kpi in scenario.kpis))
-    theta = scenario.references["robust"]
+    theta = scenario.references["MIGO"]
     verdicts = []
     for factor in (1.0, 2.4, 5.0):
         found = verify(loose, theta * [factor, 1, 1, 1], 1, jobs=1)
@@ -544,7 +544,7 @@ def test_margins_as_kpis_are_the_worse_of_start_and_target(target, worse):
         delay=15.0,
     )
     scenario = pid_scenario(tank, reference={"level": target})
-    theta = scenario.references["robust"] * [1.9, 1, 1, 1]
+    theta = scenario.references["MIGO"] * [1.9, 1, 1, 1]
     start = margins_at(scenario.source.varied(), theta)
     peaks = {"start": start.M_s, "target": start.target.M_s}
     assert max(peaks, key=peaks.get) == worse
@@ -561,7 +561,7 @@ def test_margins_as_kpis_are_the_worse_of_start_and_target(target, worse):
 
 def test_margins_as_kpis_are_those_of_the_varied_plant():
     scenario = pid_scenario(HEATER)
-    theta = scenario.references["robust"]
+    theta = scenario.references["MIGO"]
     measured = replace(scenario, run=scenario.source.measured(lambda _: MarginKPIs(scenario.run)))
     subject, found_M_s = found(measured), []
     for gain in (0.7, 1.0, 1.4):
@@ -575,7 +575,7 @@ def test_margins_as_kpis_are_those_of_the_varied_plant():
     nominal = measured.run(theta).kpis
     assert found_M_s[0] + 0.02 < found_M_s[1] == nominal["M_s"] < found_M_s[2] - 0.02
     lqr = lqr_scenario(HEATER)
-    weights = lqr.references["robust"]
+    weights = lqr.references["middle"]
     same, other = (found(lqr).at({"gain of valve": k})(weights).kpis["M_s"] for k in (1.0, 1.4))
     assert same == pytest.approx(lqr.run(weights).kpis["M_s"])
     assert other != pytest.approx(same, rel=0.02)
@@ -590,7 +590,7 @@ def test_a_varied_plant_at_rest_elsewhere_makes_no_move_at_the_start():
 
 def test_backlash_leaves_no_lasting_error_of_integral_action():
     scenario = pid_scenario(HEATER, horizon=6000.0)
-    made = found(scenario).at({"backlash": 0.005})(scenario.references["robust"])
+    made = found(scenario).at({"backlash": 0.005})(scenario.references["MIGO"])
     before = (made.t > 0.15 * made.duration) & (made.t < 0.5 * made.duration)  # of the load
     # It hunts within the play. An anti-windup that sees the gap leaves 0.3 °C.
     assert made.output(0)[before].mean() == pytest.approx(50.0, abs=0.01)

@@ -42,7 +42,7 @@ export const verdict = (met) => (typeof met !== "boolean" ? null : [el("span", {
 
 // Return a table of the server's view, with the unit at each value.
 export const shownTable = ({ label, columns, rows }) => table(columns.map(({ name }) => name), rows.map(({ name, aim, about, unit, cells }) => ({
-  title: about || null, cells: [[symbol(name), aim ? el("small", { class: "faint" }, ` (${aim.replaceAll(" ", "\u00a0")})`) : null],
+  title: about || null, cells: [[symbol(name), aim ? el("small", { class: "faint" }, ` (${together(aim)})`) : null],
     ...cells.map(({ text, met, kind }) => el("span", { class: kind.split(" ").at(-1) }, withUnit(text, unit), verdict(met) ?? []))] })),
 { label, class: "kpi-table", kinds: ["", ...columns.slice(1).map(({ kind }) => (kind === "words" ? "" : "number"))] });
 
@@ -55,13 +55,17 @@ export const counted = (count, noun) => `${count} ${noun}${count === 1 ? "" : "s
 export const values = (knobs, kind = "") => el("dl", { class: `values ${kind}` }, knobs.map(({ name, text, unit, title }) =>
   el("div", { title }, el("dt", {}, symbol(name)), el("dd", {}, withUnit(text, unit)))));
 
-// Return C_A with a subscript, and ±5 % in one line; T_s=0.5 in a command, and "M_s" between quotes, stay as they are typed.
+// Return text in which no line ends between a number and its unit: one letter, or a word that is no plain one; see `symbols_in`.
+const UNIT = /(\d) (?=[a-z]?[^a-z\d\s(-]|[a-z](?![a-z])|[a-z]+[A-Z/²³·]|(?:min|ms|mm|cm|km|kg|rad|rpm|bar|mol)\b)|([≤≥]) (?=[−\d])/g;
+const together = (text) => text.replace(UNIT, "$1$2\u00a0");
+
+// Return C_A with a subscript, and numbers with their units; T_s=0.5 in a command, and "M_s" between quotes, stay as they are typed.
 export function symbol(text) {
-  const parts = text.replace(/(±[\d.]+) %/g, "$1\u00a0%").split(/_([\p{L}\p{N}_]+)(?![\p{L}\p{N}_="])/u);
+  const parts = together(text).split(/_([\p{L}\p{N}_]+)(?![\p{L}\p{N}_="])/u);
   return parts.map((part, i) => (i % 2 ? el("sub", {}, part.replaceAll("_", " ")) : part));
 }
 
-export const withUnit = (text, unit) => (unit && /[0-9]$/.test(text) ? `${text} ${unit}` : text);
+export const withUnit = (text, unit) => (unit && /[0-9]$/.test(text) ? `${text}\u00a0${unit}` : text);
 
 const colors = new Map();
 export const DARK = matchMedia("(prefers-color-scheme: dark)"); // views that draw in colors listen to it

@@ -94,14 +94,14 @@ export async function showKeys() {
     .filter(([, , , named]) => !named || named());
   const told = await briefing();
   if ($("dialog").open) return; // pressed twice while loading
-  ask("What this is about", [...told, el("h3", {}, "Keys"), keyTable(known),
-    el("p", {}, "Keys are off while you type. Drag over a plot to zoom both sides.")],
+  ask("What this is about", [...told, keyTable(known),
+    el("p", {}, el("span", { class: "by-key" }, "Keys are off while you type. "), "Drag over a plot to zoom both sides.")],
   [["Close", null, "primary"], ["Finish the study…", finish]], "wide");
 }
 
-// Return the keys and what they do as a table.
+// Return the keys and what they do as a table with its heading.
 export function keyTable(known) {
   // Objects list numeric keys first: move "0" to the end.
   const rows = known.filter(([key]) => key).sort((a, b) => (a[0] === "0") - (b[0] === "0"));
-  return table(null, rows.map(([key, words]) => [el("kbd", {}, key), words]), { class: "keys" });
+  return el("div", { class: "by-key" }, el("h3", {}, "Keys"), table(null, rows.map(([key, words]) => [el("kbd", {}, key), words]), { class: "keys" }));
 }

@@ -68,7 +68,7 @@ function help() {
   const read = runs.map(({ name, about }) => el("p", {}, el("strong", {}, name), about ? `: ${about}` : ""));
   const known = Object.entries(KEYS)
     .filter(([key]) => (key !== "n" || runs.length > 2) && (key !== "1-9" || shown.maneuver));
-  ask("What this shows", [...read, ...shown.notes.map((words) => el("p", {}, words)), el("h3", {}, "Keys"),
+  ask("What this shows", [...read, ...shown.notes.map((words) => el("p", {}, words)),
     keyTable(known.map(([, row]) => row)),
     el("p", {}, "Drag over a plot to zoom both sides. Ctrl-C in the terminal ends prefcal.")], [["Close", null, "primary"]], "wide");
 }

@@ -68,7 +68,7 @@ function asked(now) {
 
 function progress({ answered, questions, text }, simulated) {
   $("progress-text").textContent = text;
-  if (simulated) $("progress-text").append(el("span", { class: "hidden" }, " · "), el("span", { class: "unseen" }, simulated.line));
+  if (simulated) $("progress-text").append(el("span", { class: "hidden" }, " · "), el("span", { class: "unseen", title: simulated.failure || null }, simulated.line));
   const bar = $("progress");
   bar.setAttribute("aria-valuemax", Math.max(questions, 1));
   bar.setAttribute("aria-valuenow", answered);

@@ -143,7 +143,7 @@ export function offer({ blind, good_enough: good, question, screening }) {
   const unlikely = declined ? "" : screening?.offer ?? "";
   if (unlikely) words.push(unlikely);
   $("offer").hidden = !words.length;
-  $("offer-text").textContent = words.join(" ");
+  fill($("offer-text"), symbol(words.join(" ")));
   $("offer-go-on").hidden = !unlikely;
   // Its place is kept while the reason is worked out, so that nothing moves when it comes.
   $("why").hidden = !screening || blind || question.repeat;

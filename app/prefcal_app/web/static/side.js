@@ -71,7 +71,8 @@ export const headline = (kpis, { headline: order, heads }) =>
 export function item(kpi) {
   const told = [kpi.about, kpi.objective ? `objective: ${kpi.objective}` : ""].filter(Boolean).join(" · ");
   return el("div", { class: { true: "met", false: "missed" }[kpi.met], title: told || null },
-    el("dt", {}, symbol(kpi.title)), el("dd", {}, withUnit(kpi.text, kpi.unit), verdict(kpi.met)));
+    el("dt", {}, symbol(kpi.title)), el("dd", {}, withUnit(kpi.text, kpi.unit), verdict(kpi.met),
+      kpi.objective ? el("span", { class: "faint" }, " ", symbol(kpi.objective)) : null));
 }
 
 export function thetas(side) {

@@ -136,7 +136,8 @@ function told() {
   const parts = Object.entries({ failed: "failed", stopped: "stopped as unsafe or without any value", "": "without a value of both" })
     .filter(([end]) => count(end)).map(([end, words]) => `${count(end)} ${words}`);
   return [`${points.length} simulated, ${shown} shown. `, parts.length ? `Not drawn: ${parts.join(", ")}. ` : "",
-    "Click a point, or go from point to point with the arrow keys."];
+    !current().simulated?.failure ? "" : symbol(`The last that failed: ${current().simulated.failure.replace(/\.?$/, ".")} `),
+    "Click a point", el("span", { class: "by-key" }, ", or go from point to point with the arrow keys"), "."];
 }
 
 function choose(next) {

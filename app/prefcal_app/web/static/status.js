@@ -68,6 +68,7 @@ function answers(now, status, act) {
   };
   return el("div", { class: "card" }, el("h3", {}, "Your answers"),
     el("p", {}, `${experiments} of ${counted(most, "experiment")}, ${counted(given, "comparison")}.`, status.simulated ? ` ${status.simulated.line}.` : ""),
+    status.simulated?.failure ? el("p", { class: "faint" }, symbol(`The last that failed: ${status.simulated.failure}`)) : null,
     pace(status.questions, act),
     el("h3", {}, "How consistent are they?"), el("p", {}, text),
     el("p", {}, button(["Ask me an earlier question again ", el("kbd", {}, "P")], repeat, { disabled: !can })),

@@ -53,7 +53,7 @@ const problem = (words) => el("p", { class: "problem", role: "alert" }, words);
 const start = (words) => button([words, " ", el("kbd", { "aria-hidden": "true" }, "V")], verify, { id: "verify" });
 
 const offer = ({ runs }) => [el("p", {}, current()?.live || current()?.rig ? "Nothing can be varied on a rig: this says which limits the result keeps, and its margins if the plant is known."
-  : `Try the result on ${runs} plants that are not exactly as modeled. What can be varied follows from the plant, and is said.`),
+  : `Try the result on ${runs} plants that are not exactly as modeled. What is varied depends on the plant, and is listed beside the verdict.`),
   el("p", { class: "actions" }, start("Verify it"))];
 
 const going = ({ done, planned }) => [el("p", {}, planned ? `${done} of ${planned} runs: random plants, each change alone, the tuning before and, if some fail, others…` : "It begins…"),

@@ -66,7 +66,7 @@ export async function intro(now) {
       closed = true;
       show(false);
     }),
-    button(["Knobs, KPIs and keys ", el("kbd", {}, "?")], () => $("help").click())));
+    button(["Knobs, KPIs", el("span", { class: "by-key" }, " and keys "), el("kbd", {}, "?")], () => $("help").click())));
   show(true);
 }
 

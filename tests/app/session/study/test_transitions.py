@@ -10,8 +10,8 @@ import pytest
 
 from prefcal_agents import GLIS, GLISp, RandomSearch
 from prefcal_app.session import Phase
-from prefcal_app.session.actions import ACTIONS, transitions
-from prefcal_app.session.study import Moment, PlantFacts, Recovery
+from prefcal_app.session.actions import ACTIONS
+from prefcal_app.session.study import TRANSITIONS, Moment, PlantFacts, Recovery
 from prefcal_env.study import Ended, Failed, Finished, Led, Marked, Noted, Reopened, Retracted, Shown, Undone
 from support.interviews import answer_all, begin
 from toy_study import toy_scenario
@@ -59,6 +59,16 @@ def beaten(whole):
 def new():
     """A study without an answer."""
     return begin(toy_scenario(), n_max=4)._driver.study
+
+
+def transitions():
+    """The whole machine as a table: which actions a phase allows, and where each event leads."""
+    heads = ["", *(phase.value for phase in Phase)]
+    rows = [[name, *("can" * (p in action.when) for p in Phase)] for name, action in ACTIONS.items()]
+    for happened, (sources, target) in TRANSITIONS.items():
+        name = happened.value if isinstance(happened, Moment) else happened.__name__
+        rows.append([name, *(target.value * (p in sources) for p in Phase)])
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in [heads, ["---"] * len(heads), *rows])
 
 
 def test_the_table_of_the_documents_is_the_one_that_is_followed():
