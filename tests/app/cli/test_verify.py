@@ -55,7 +55,8 @@ def test_a_table_beside_the_tuning_before_with_statement_margins_and_worst_runs(
     assert "current" in words
     kept = Verified.read(tmp_path)
     assert kept.statement in words
-    assert kept.statement in (tmp_path / "acceptance.html").read_text(encoding="utf-8")
+    sheet = (tmp_path / "acceptance.html").read_text(encoding="utf-8").replace("\xa0", " ")
+    assert kept.statement in sheet
     assert (kept.runs, kept.planned, kept.share, kept.baseline) == (20, 20, 1.0, "current tuning")
     assert {len(row) for row in kept.kpis} == {8}
     assert [len(row) for row in kept.margins] == [3] * 5

@@ -165,7 +165,7 @@ def test_sheet_and_best_json_say_what_is_kept():
     told = "Confirmed on the plant: old (experiment 1), tried blind, by Ada on 2026-01-01 at 10:11 UTC."
     assert kept_text(kept) == told
     with_it = replace(toy_record(), kept=kept)
-    assert told in sheet(with_it)
+    assert told in sheet(with_it).replace("\xa0", " ")
     assert json.loads(best_as_json(with_it))["kept"] == kept
     assert "On the plant" not in sheet(toy_record())
     assert "kept" not in json.loads(best_as_json(toy_record()))
