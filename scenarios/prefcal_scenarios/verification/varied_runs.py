@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import closing, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import compress, zip_longest
 from typing import Any
@@ -524,16 +524,26 @@ class _Trials:
     known: Varied
     verified: Verification
     many: _Many
+    made: dict[tuple[bytes, int, tuple[tuple[str, float], ...]], VerifiedRun] = field(default_factory=dict)
 
     def on(self, tunings: Sequence[Robustness], plants: Sequence[VerifiedRun]) -> list[Robustness]:
         """Return tunings with their runs on the plants of some runs. Raises _Stopped after Ctrl-C."""
-        cases = [_Case(k, dict(run.values), run.seed) for k in range(len(tunings)) for run in plants]
-        done = self.many(Variations(self.known.at, [t.theta for t in tunings], cases, noted=True))
+        places = [(run.seed, tuple(run.values.items())) for run in plants]
+        rows = [[(t.theta.tobytes(), *place) for place in places] for t in tunings]
+        new = [(k, *pair) for k, row in enumerate(rows) for pair in zip(row, plants, strict=True)]
+        new = [each for each in new if each[1] not in self.made]
+        cases = [_Case(k, dict(run.values), run.seed) for k, _, run in new]
+        done = (
+            self.many(Variations(self.known.at, [t.theta for t in tunings], cases, noted=True))
+            if cases
+            else []
+        )
         if len(done) < len(cases):
             raise _Stopped
-        pairs, step = zip(cases, done, strict=True), len(plants)
-        made = [_run(self.scenario, self.verified.tuning.nominal, *pair) for pair in pairs]
-        return [replace(t, runs=tuple(made[k * step : (k + 1) * step])) for k, t in enumerate(tunings)]
+        for (_, key, _), case, result in zip(new, cases, done, strict=True):
+            self.made[key] = _run(self.scenario, self.verified.tuning.nominal, case, result)
+        pairs = zip(tunings, rows, strict=True)
+        return [replace(t, runs=tuple(self.made[key] for key in row)) for t, row in pairs]
 
     def nominally(self, thetas: Sequence[Theta]) -> list[Robustness]:
         """Return how tunings, physical, each of shape (n,), do without variation."""
