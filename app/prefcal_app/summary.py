@@ -363,7 +363,10 @@ def after_a_slip(history: History, *, robust: bool = False) -> str:
     """Return a sentence on the best, which is not the winner of the answers."""
     best, winner = ((index or 0) + 1 for index in (history.incumbent, history.by_answers))
     if robust:
-        return f"Experiment {best} is the best so far of those that hold, though {winner} won."
+        return (
+            f"Experiment {best} is the best so far of those that keep the limits in most runs with varied "
+            f"plants, though {winner} won."
+        )
     return (
         f"Experiment {best} is the best so far, though {winner} won: all answers together speak "
         f"for {best}, so one of them is probably a slip."

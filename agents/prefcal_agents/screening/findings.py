@@ -289,10 +289,13 @@ def _explain_result(agent: Screening, known: Findings) -> Findings:
         return known
     stage, pool = agent.stage(agent.history), agent.growth.pool(past)
     best = stage.bank.find(agent.best)
+    shown = stage.bank.rows([s.theta for s in past.samples[: past.answered]])
+    # Where something that was shown does not hold, another answer alone makes nothing the best.
+    by_answers = bool(agent.simulations.held(stage.bank, shown).all())
     return replace(
         known,
         best=agent.best_index,
-        influences=influences(pool, past),
+        influences=influences(pool, past) if by_answers else (),
         menu=_menu(agent, stage, past, best),
         wishes=tuple(wishes(pool, past, stage.spread, best).items()),
         robustness=None if agent.simulations.holds is None else _robustness(agent, stage, past, best),

@@ -21,7 +21,7 @@ import prefcal_agents
 from prefcal_agents.registry import WORDS
 from prefcal_agents.taste import Told
 from prefcal_agents.transfer import Earlier
-from prefcal_app.report.export import jsonable, versions
+from prefcal_app.report.export import best_theta, jsonable, versions
 from prefcal_app.session.study import QUESTIONS, agent_as_dict, constraint_names, knobs_as_dicts, questions_of
 from prefcal_app.simulating import twin_of
 from prefcal_app.terminal.showing import say, theta_of
@@ -323,8 +323,10 @@ def start_of(text: str, scenario: Scenario) -> Float[np.ndarray, " n"]:
     """Return the physical θ that `text` describes, shape (n,).
 
     The text is `knob=value, ...` for every knob in any order, the name of one of the scenario's
-    references, or an experiment of a study, as MINE:3 or MINE:best.
+    references, an experiment of a study, as MINE:3 or MINE:best, or a best.json.
     """
+    if text.endswith(".json"):
+        return best_theta(text, scenario)
     if "=" in text:
         return theta_of(text, scenario.space)
     if text in scenario.references:
@@ -334,7 +336,7 @@ def start_of(text: str, scenario: Scenario) -> Float[np.ndarray, " n"]:
     known = sorted(scenario.references)
     raise SettingsError(
         f"--start must be KNOB=VALUE, ..., one of the references {known} of scenario "
-        f"{scenario.name!r}, or STUDY:best, got {text!r}.{did_you_mean(text, known)}".rstrip(".")
+        f"{scenario.name!r}, STUDY:best or a best.json, got {text!r}.{did_you_mean(text, known)}".rstrip(".")
     )
 
 

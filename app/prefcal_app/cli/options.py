@@ -101,8 +101,8 @@ class Options(Described):
             experiments are expensive, 3 or more comparisons save some. You can change it when you
             resume.
         start: θ of the first experiment, for example your current tuning: "KNOB=VALUE, ..." for
-            every knob; one of the scenario's references; or an experiment of another study, MINE:3 or
-            MINE:best. Repeat the option for more.
+            every knob; one of the scenario's references; an experiment of another study, MINE:3 or
+            MINE:best; or a best.json. Repeat the option for more.
         taste: Earlier study of the same person: start from its answers, as far as its KPIs have the
             names and units of yours. They count half as much as new ones.
         outcomes: Let glisp learn from θ only, not from the KPIs of the experiments.
@@ -245,15 +245,15 @@ class Options(Described):
         }
 
     def anew(self) -> str:
-        """Return a command line that compares the tuning before, or the result, with one that is to follow.
+        """Return a command line that compares the tuning before, if it was given, with two that follow.
 
         A study that is kept also tells the new one what its answers taught.
         """
-        kept = self.study if self.by_a_person else None
-        start = self.start[:1] or ((f"{kept}:best",) if kept else ())
+        kept, start = self.study if self.by_a_person else None, self.start[:1]
         taste = kept if kept and self.agent == "screening" else self.taste
-        robust, first = self.agent in SIMULATING, min(self.n_init, 2)
-        return replace(self, start=start, taste=taste, n_init=first, n_max=2, robust=robust).command()
+        robust, few = self.agent in SIMULATING, 2 + len(start)
+        n_init = min(self.n_init, few)
+        return replace(self, start=start, taste=taste, n_init=n_init, n_max=few, robust=robust).command()
 
     def command(self) -> str:
         """Return a command line that repeats the study, without its folder."""

@@ -370,6 +370,11 @@ def tuning_of(path: str | Path) -> BestTuning:
     )
 
 
+def best_theta(path: str | Path, scenario: Scenario) -> Float[np.ndarray, " n"]:
+    """Return the θ that a best.json holds for a scenario, shape (n,). Raises ScenarioError as `tuning_of`."""
+    return _values(scenario, _read(Path(path))[0]["theta"], path)
+
+
 def _is_changed(content: Mapping[str, Any], source: str) -> bool:
     """Return whether the files of a scenario, where they are now, are others than in its study."""
     known = (content.get("origin") or {}).get("fingerprint of the scenario", "")

@@ -20,7 +20,7 @@ from markupsafe import Markup
 
 from prefcal_app.session.study import why_over
 from prefcal_app.summary import kept_text
-from prefcal_app.view.end import FIRST, first_rows, pid_table
+from prefcal_app.view.end import CURRENT, FIRST, first_rows, pid_table
 from prefcal_app.view.question import cell, column, row, table, theta_view
 from prefcal_env.controllers.forms import ALL, PARALLEL
 from prefcal_env.controllers.margins import Margins
@@ -218,8 +218,9 @@ def _back(record: StudyRecord) -> str:
     said = f"Before: {name} (experiment {before}). After: experiment {after}."
     if before == after:
         said += f" No experiment beat the {name}." if record.questions else " Nothing was compared."
-    if name == FIRST:
-        return f"{said} It was chosen by prefcal: the tuning in use was not given (--start)."
+    if name != CURRENT:
+        by = "It was chosen by prefcal: the" if name == FIRST else "The"
+        return f"{said} {by} tuning in use was not given (--start)."
     return f"{said} To go back, set the parameters of the column “{name}”; best.json has them, too."
 
 
@@ -277,7 +278,7 @@ def top(verdict: str, advice: Sequence[str] = ()) -> str:
     first, *rest = re.split(r"(?<=\.) (?=[A-Z])", verdict, maxsplit=1)
     made = f'<p class="verdict"><strong>{symbols_in(first)}</strong> {symbols_in("".join(rest))}</p>'
     if advice:
-        said = "</p><p>".join(symbols_in(sentence(each)) for each in advice)
+        said = '</p><p class="verdict">'.join(symbols_in(sentence(each)) for each in advice)
         made += f'<p class="verdict"><strong>What next:</strong> {said}</p>'
     return f"<!-- verdict -->{made}<!-- end -->"
 
@@ -478,15 +479,16 @@ def _typed(change: float | Sequence[float]) -> str:
     return ":".join(repr(float(end)).removesuffix(".0") for end in ends)
 
 
-def _begin_another(tuning: BestTuning, folder: Path, limits: Sequence[str]) -> str:
-    """Return how to compare another tuning by these limits, up to the options that name it."""
+def _begin_another(tuning: BestTuning, best: Path, limits: Sequence[str]) -> str:
+    """Return how to compare the result with another tuning by these limits, up to the name of that."""
     limited = shlex.join(_options("--limit", limits)) if is_described(tuning.source) else ""
-    if not tuning.anew:
-        return " ".join(filter(None, [REPEAT, limited]))
-    words = [f"run: {tuning.anew}", *filter(None, [limited])]
-    if "--calibrator human" not in tuning.anew:  # a study of a person has a name, and a folder of that name
-        free = (Path(f"{folder if folder.name else Path(folder.resolve().name)}-{k}") for k in count(2))
+    words = [f"run: {tuning.anew}" if tuning.anew else REPEAT, *filter(None, [limited])]
+    if tuning.anew and "--calibrator human" not in tuning.anew:  # the folder of theirs has the study's name
+        folder = best.parent if best.parent.name else Path(best.resolve().parent.name)
+        free = (Path(f"{folder}-{k}") for k in count(2))
         words.append(shlex.join(["--out", str(next(each for each in free if not each.exists()))]))
+    if tuning.before is not None or " --start " not in tuning.anew:  # else, the study began with its result
+        words.append(shlex.join(["--start", str(best)]))
     return " ".join(words)
 
 
@@ -498,7 +500,7 @@ def _said(found: Verification, tuning: BestTuning, best: Path, limits: Sequence[
         raise StaleError(f"{str(best)!r} changed while its tuning was verified: verify again")
     version = versions()["prefcal"]
     baseline = "" if tuning.before is None else tuning.baseline  # else, it counts as one that did not run
-    again = _begin_another(tuning, best.parent, limits)
+    again = _begin_another(tuning, best, limits)
     said = Verified.of(found, tuning.scenario, baseline, version, tuning.digest, again)
     if limits and not is_described(tuning.source):
         first = f"; first state {'; '.join(limits)} in the KPIs of your file"

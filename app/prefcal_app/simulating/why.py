@@ -213,7 +213,6 @@ def kept(smaller: SmallerChange | None, scenario: Scenario) -> str:
 
 _UNLIMITED = " (not sensors, actuators or task)"
 """What does not vary beside each count of runs where no limit is stated: `prefcal verify` may count fewer."""
-_NONE_MORE = "No simulated θ was found that does in more, beyond chance,"
 
 
 def _runs(scenario: Scenario) -> str:
@@ -282,8 +281,8 @@ def robust(found: RobustResult, scenario: Scenario, nominal: Experiment | None =
     """Yield how the result, whose nominal run may be known, holds and what that costs, a sentence each."""
     yield _held(found.kept, "The result", scenario, nominal, outdone=found.outdone)
     if found.kept < ENOUGH:  # nothing was paid
-        more = f"Another simulated θ does in {found.most}" if found.most else _NONE_MORE
-        yield f"{more} of the same runs."
+        none = "None of the simulated θ was found to do so in more of the same runs, beyond chance."
+        yield f"Another simulated θ does so in {found.most} of the same runs." if found.most else none
         return
     yield _perturbed(scenario)
     missed = nominal is not None and any(k.met_by(nominal) is False for k in scenario.kpis)

@@ -292,13 +292,16 @@ _SLIGHT = 0.05  # share of a usual difference in the study below which a change 
 def baseline_of(state: State) -> str:
     """Return what the first experiment is, with which the result is compared.
 
-    That is "current tuning" if the person gave its values, the name of a reference of the scenario
-    if the study started with that, or "first experiment".
+    That is "current tuning" if the person gave its values, the name of a reference of the scenario, of an
+    experiment of another study or of its result if the study started with that, or "first experiment".
     """
     start = state.configuration["options"].get("start") or ()
     if not start:
         return FIRST
-    return CURRENT if "=" in start[0] else str(start[0])
+    *folders, name = str(start[0]).split("/")
+    if name.endswith(".json"):
+        return f"result of {folders[-1]}" if folders else "earlier result"
+    return CURRENT if "=" in name else name
 
 
 def over_view(
@@ -427,7 +430,7 @@ def gain_view(
         "same": best == 0,
         "table": question.table("What was gained", heads, lines, caption),
         "first": first_rows(rows),
-        "before": before if best and baseline != FIRST else [],
+        "before": before if best and baseline == CURRENT else [],
         "back": f"To go back, set the values of the {baseline}; best.json has them, too.",
     }
 
@@ -524,9 +527,9 @@ def pid_table(rows: Sequence[tuple[PIDParameter, str, str]], baseline: str) -> d
     none = f" {MISSING}: {NO_SERIES}." if lacks else ""
     caption = (
         "ISA form: K_p (b r − y + 1/T_i ∫(r − y) dt + T_d d(c r − y)/dt). Of the error e = r − y, parallel: "
-        f"{EQUATIONS[PARALLEL]}; series: {EQUATIONS[SERIES]}. {FILTERED} {ANTI_WINDUP}{none} "
-        f"To go back, set the values of the {baseline}."
+        f"{EQUATIONS[PARALLEL]}; series: {EQUATIONS[SERIES]}. {FILTERED} {ANTI_WINDUP}{none}"
     )
+    caption += f" To go back, set the values of the {baseline}." if baseline == CURRENT else ""
     return question.table("The PID in each form", ("", "form", "best", baseline), lines, caption)
 
 

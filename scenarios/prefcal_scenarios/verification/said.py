@@ -329,26 +329,21 @@ def _widened(found: Verification) -> Iterator[str]:
 def _other(found: Verification, scenario: Scenario, again: str) -> str:
     """Return with which tuning to begin the next study, since it holds on more of the plants; or ""."""
     best, before = found.others.best if found.others else None, found.before
-    if best is None or not _better(found, best):
+    every = best is not None and best.holds(len(found.runs)) and replace(found, tuning=best).sound
+    if best is None or not (every or _better(found, best)):
         return ""
+    perhaps = "" if _better(found, best) else " (the difference can be chance)"
     held, count, old = count_kept(best.runs), len(best.runs), count_kept(before.runs) if before else -1
     if old >= held:
         return ""
     names = [name for name, theta in scenario.references.items() if np.array_equal(theta, best.theta)]
     which = f"the tuning {names[0]}" if names else "a tuning that was tried"
-    known = f", the tuning before in {old}" if before else ""
+    known = f", the tuning before in {old}{perhaps}" if before else perhaps
     return (
         f"{which} holds in {held} of the same {count} runs, this one in {count_kept(found.runs)}{known}"
         f"{_nominal_changes(found, best)}. To compare it and keep what you like (a larger --n-max searches "
-        f"on), {_begin_with(scenario, best, found, again)}"
+        f"on), {again} {shlex.join(['--start', typed_theta(scenario.space, best.theta.tolist())])}"
     )
-
-
-def _begin_with(scenario: Scenario, tuning: Robustness, found: Verification, again: str) -> str:
-    """Return how to compare a tuning with that which the result was compared with, or with the result."""
-    known = [] if " --start " in again else [found.before or found.tuning]
-    starts = (typed_theta(scenario.space, each.theta.tolist()) for each in (*known, tuning))
-    return f"{again} {shlex.join([word for start in starts for word in ('--start', start)])}"
 
 
 def _nominal_changes(found: Verification, other: Robustness) -> str:

@@ -561,14 +561,23 @@ class _Trials:
         return sorted(kept, key=lambda t: float(np.linalg.norm(encode(t.theta) - own)))
 
     def best(self, tunings: Sequence[Robustness], plants: int, count: int) -> list[Robustness]:
-        """Return those tunings that keep the limits on most of some plants, the best first.
+        """Return those tunings that keep the limits on most plants, by some of them, the best first.
 
-        Of these plants, half make the verified tuning fail: such tell tunings apart.
+        Of these, half make the verified tuning fail, which tell tunings apart: so each counts for as many as
+        there are of its kind.
         """
         good = [run for run in self.verified.runs if not run.problems]
         telling = [run for pair in zip_longest(self.verified.failed, good) for run in pair if run]
         made = self.on(tunings, telling[:plants]) if tunings else []
-        return sorted(made, key=lambda t: -count_kept(t.runs))[:count]
+        return sorted(made, key=lambda t: -self.estimate(t))[:count]
+
+    def estimate(self, tuning: Robustness) -> float:
+        """Return on how many of all plants a tuning holds, by those that it ran on."""
+        failed = {run.seed for run in self.verified.failed}
+        kinds = [[run for run in tuning.runs if (run.seed in failed) is one] for one in (True, False)]
+        sizes = len(failed), len(self.verified.runs) - len(failed)
+        pairs = zip(kinds, sizes, strict=True)
+        return sum(size * count_kept(runs) / len(runs) for runs, size in pairs if runs)
 
     def near(self, theta: Theta, spread: float, generator: np.random.Generator) -> list[Theta]:
         """Return tunings near a physical θ, shape (n,), with a standard deviation in the unit cube."""
@@ -634,9 +643,9 @@ def _try_others(trials: _Trials) -> Others:
         around = trials.nominally(trials.near(center, 0.08, generator))
         tried, able = [*tried, *around], trials.able(around)
         left = sorted(
-            [*left, *trials.best(trials.best(able, 6, 6), 24, 3)], key=lambda t: -count_kept(t.runs)
+            [*left, *trials.best(trials.best(able, 6, 6), 24, 3)], key=lambda t: -trials.estimate(t)
         )
-        if left and step:
+        if left and step and trials.estimate(left[0]) > count_kept(trials.verified.runs):
             break
     stable = ((t, margins_at(trials.known, t.theta)) for t in trials.best(left[:6], RIVALS, 6))
     best = next((replace(t, margins=m) for t, m in stable if m != UNSTABLE), None)
