@@ -245,7 +245,7 @@ def normalize(values: Float[np.ndarray, " N"], ceiling: float) -> Float[np.ndarr
 # --- Work out what is known after a record, answer by answer, and remember it.
 
 _LATEST = 16  # number of results in memory: those of the likely answers to a question and of an undo
-_STAGES, _WHOLE = 40, 8  # numbers of stages in memory, and of those with all that takes much of it
+_STAGES = 40  # number of stages in memory, up to about a megabyte each
 _SELDOM = 10  # number of answers of a long step
 
 Known = TypeVar("Known")
@@ -304,7 +304,6 @@ class Stages(Generic[Known]):
         most: Number of answers after which steps are long: ten answers at once, and the rest. This
             saves time when a long study is opened. With None, they never are.
         whole: Whether a new experiment and all follow-up answers after it are one step.
-        light: Function that leaves out what can be worked out again; older ones in memory are without it.
 
     Attributes:
         recalled: Function of a record that returns what an earlier session knew after it, None if
@@ -318,10 +317,8 @@ class Stages(Generic[Known]):
         most: int | None = None,
         *,
         whole: bool = False,
-        light: Callable[[Known], Known] = lambda known: known,
     ) -> None:
         self._first, self._following, self._most, self._whole = first, following, most, whole
-        self._light = light
         self._known: OrderedDict[bytes, Known] = OrderedDict()
         self.recalled: Callable[[History], Known | None] = lambda past: None
 
@@ -333,18 +330,12 @@ class Stages(Generic[Known]):
             steps.append(here)
             here = before
         if known is None:
-            known = self._keep(here, self._first())
+            known = self._known[here.key] = self._first()
         for step in reversed(steps):
-            known, here = self._keep(step, self._following(step, here, known)), step
-        return known
-
-    def _keep(self, history: History, known: Known) -> Known:
-        self._known[history.key] = known
-        for older in [*self._known][-1 - _WHOLE : -_WHOLE]:
-            with suppress(KeyError):  # another thread may drop it at any time
-                self._known[older] = self._light(self._known[older])
-        while len(self._known) > _STAGES:
-            self._known.popitem(last=False)
+            known = self._known[step.key] = self._following(step, here, known)
+            here = step
+            while len(self._known) > _STAGES:
+                self._known.popitem(last=False)
         return known
 
     def __contains__(self, history: History) -> bool:
@@ -369,7 +360,7 @@ class Stages(Generic[Known]):
         """Return what is known after `past` if it is in memory, or was kept by an earlier session."""
         known = self._known.get(past.key)
         if known is None and (known := self.recalled(past)) is not None:
-            self._keep(past, known)
+            self._known[past.key] = known
         return known
 
     def _before(self, past: History) -> History | None:

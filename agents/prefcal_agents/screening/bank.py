@@ -447,11 +447,6 @@ class KeptStage:
         return Scale(self.names, good, floor, np.array(quantiles), ranges, limits)
 
 
-def _without_costs(stage: Stage) -> Stage:
-    # Of two thousand θ they are 4 MB, and the draws of all records need none.
-    return replace(stage, costs=np.empty((0, len(stage.bank)))) if stage.scale.names else stage
-
-
 class Growth:
     """The stages of a study: a function of the record, and remembered.
 
@@ -482,8 +477,8 @@ class Growth:
         wide = sum(count for count, _ in self._plan)
         # One design for both parts, which fill the space together.
         self._design = latin_hypercube(space, wide, seed) if given is None else space.encode_all(given)
-        self._stages = Stages(self._first, self._follow, light=_without_costs)
-        self._judged = Remembered(self._judge, _POSTERIORS)
+        self.stage = Stages(self._first, self._follow)
+        """What is known after a record, simulating what was not simulated yet."""
         self._kept: Mapping[bytes, KeptStage] = {}
         self.worth = Remembered(lambda past: worth(self.stage(past).costs), _POSTERIORS)
         """Worth of each θ in each draw of the stage after a record, shape (d, m)."""
@@ -500,8 +495,8 @@ class Growth:
         recent = (history.until(count) for count in range(max(last - _RECALLED, 1), last + 1))
         found = dict[bytes, KeptStage]()
         for past in recent:
-            if past in self._stages:
-                found[past.key] = KeptStage.of(self._stages(past))
+            if past in self.stage:
+                found[past.key] = KeptStage.of(self.stage(past))
             elif past.key in self._kept:  # nobody asked for it yet, but the next session may
                 found[past.key] = self._kept[past.key]
         return {key: kept for key, kept in found.items() if kept.names}
@@ -509,7 +504,7 @@ class Growth:
     def recall(self, kept: Mapping[bytes, KeptStage]) -> None:
         """Use what an earlier session learned, where record and simulated KPIs are still the same."""
         self._kept = kept
-        self._stages.recalled = lambda past: self._restore(past, kept[past.key]) if past.key in kept else None
+        self.stage.recalled = lambda past: self._restore(past, kept[past.key]) if past.key in kept else None
 
     def _restore(self, past: History, kept: KeptStage) -> Stage | None:
         with one_thread():
@@ -522,23 +517,12 @@ class Growth:
             stage = self._stage(past, bank, spread, scale, utilities)
             return stage if sha256(stage.bank.kpis.tobytes()).digest() == kept.kpis else None
 
-    def stage(self, history: History) -> Stage:
-        """Return what is known after a record, simulating what was not simulated yet."""
-        found = self._stages(history)
-        return found if len(found.costs) else self._judged(history.past, found)
-
-    def _judge(self, past: History, stage: Stage) -> Stage:
-        """Return a stage with its costs."""
-        with one_thread():
-            bank = self._simulate(stage.bank.z, stage.bank.thetas)
-            return self._stage(past, bank, stage.spread, stage.scale, stage.utilities)
-
     def _pool(self, history: History) -> DrawPool:
         stage, last = self.stage(history), history.answered
         given = [(History(), self._before(history, stage.scale))]
         for count in range(max(last - _RECALLED, 1), last):
             past = history.until(count)
-            earlier = self._stages(past)
+            earlier = self.stage(past)
             # A KPI that was the same everywhere came in later: draws without it say nothing of it.
             if earlier.scale.names == stage.scale.names:
                 given.append((past, earlier.utilities))

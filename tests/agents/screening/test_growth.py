@@ -70,14 +70,6 @@ def recalling(content, **given):
     return other
 
 
-def test_a_stage_of_long_ago_says_the_same_as_when_it_was_new(kept):
-    record, grown, _ = kept
-    for count in (0, 3, 15):
-        early = record.until(count)
-        assert same(grown.stage(early), growth(100).stage(early))
-        assert grown.stage(early).costs.shape == (256, len(grown.stage(early).bank))
-
-
 def test_a_later_session_recalls_the_same_stages_and_goes_on_with_the_same_ones(kept, anew):
     record, grown, content = kept
     again = recalling(content)
