@@ -268,7 +268,7 @@ class Screening(Simulating):
     `simulate`, are none.
     """
 
-    version: ClassVar[int] = 8
+    version: ClassVar[int] = 7
 
     def _prepare(self) -> None:
         self._evidences = Remembered(self._evidence_after)

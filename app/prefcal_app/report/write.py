@@ -20,7 +20,7 @@ from markupsafe import Markup
 
 from prefcal_app.session.study import why_over
 from prefcal_app.summary import kept_text
-from prefcal_app.view.end import CURRENT, FIRST, first_rows, pid_table
+from prefcal_app.view.end import FIRST, can_go_back, first_rows, pid_table
 from prefcal_app.view.question import cell, column, row, table, theta_view
 from prefcal_env.controllers.forms import ALL, PARALLEL
 from prefcal_env.controllers.margins import Margins
@@ -218,9 +218,10 @@ def _back(record: StudyRecord) -> str:
     said = f"Before: {name} (experiment {before}). After: experiment {after}."
     if before == after:
         said += f" No experiment beat the {name}." if record.questions else " Nothing was compared."
-    if name != CURRENT:
-        by = "It was chosen by prefcal: the" if name == FIRST else "The"
-        return f"{said} {by} tuning in use was not given (--start)."
+    if name == FIRST:
+        return f"{said} It was chosen by prefcal: the tuning in use was not given (--start)."
+    if not can_go_back(name):
+        return f"{said} Whether the {name} was in use is not known."
     return f"{said} To go back, set the parameters of the column “{name}”; best.json has them, too."
 
 

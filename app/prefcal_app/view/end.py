@@ -285,6 +285,8 @@ def look_view(interview: Interview, theta: tuple[float, ...], seen: Seen | None 
 
 FIRST, CURRENT = "first experiment", "current tuning"
 """Names of the first experiment: without and with a tuning that the person gave."""
+RESULT = "result of "
+"""Begin of its name if it is the result of another study, of which nobody said that it is in use."""
 
 _SLIGHT = 0.05  # share of a usual difference in the study below which a change is neither better nor worse
 
@@ -300,8 +302,13 @@ def baseline_of(state: State) -> str:
         return FIRST
     *folders, name = str(start[0]).split("/")
     if name.endswith(".json"):
-        return f"result of {folders[-1]}" if folders else "earlier result"
+        return RESULT + (folders[-1] if folders else "an earlier study")
     return CURRENT if "=" in name else name
+
+
+def can_go_back(baseline: str) -> bool:
+    """Return whether the person gave the first experiment as what there was before."""
+    return baseline != FIRST and not baseline.startswith(RESULT)
 
 
 def over_view(
@@ -430,7 +437,7 @@ def gain_view(
         "same": best == 0,
         "table": question.table("What was gained", heads, lines, caption),
         "first": first_rows(rows),
-        "before": before if best and baseline == CURRENT else [],
+        "before": before if best and can_go_back(baseline) else [],
         "back": f"To go back, set the values of the {baseline}; best.json has them, too.",
     }
 
@@ -529,7 +536,7 @@ def pid_table(rows: Sequence[tuple[PIDParameter, str, str]], baseline: str) -> d
         "ISA form: K_p (b r − y + 1/T_i ∫(r − y) dt + T_d d(c r − y)/dt). Of the error e = r − y, parallel: "
         f"{EQUATIONS[PARALLEL]}; series: {EQUATIONS[SERIES]}. {FILTERED} {ANTI_WINDUP}{none}"
     )
-    caption += f" To go back, set the values of the {baseline}." if baseline == CURRENT else ""
+    caption += f" To go back, set the values of the {baseline}." if can_go_back(baseline) else ""
     return question.table("The PID in each form", ("", "form", "best", baseline), lines, caption)
 
 

@@ -37,6 +37,8 @@ def test_columns_units_limits_and_picture_can_be_named(done, tmp_path):
     said = done("identify", "log.csv", *options, "--out", "look.png")
     assert said.startswith("T2 by MV, 200 rows")
     assert "MV may reach 20 to 80 (--limits)" in said
+    said = done("identify", "log.csv", *options[:-2], "--out", "look.png")  # no unit, no limits
+    assert "which is assumed, twice as far as the record moves it: state --limits." in said
     assert "Noise of 0.0" in said
     assert " K over the record." in said
     assert (tmp_path / "look.png").is_file()

@@ -110,13 +110,11 @@ def test_options_of_one_run_may_change_on_resuming():
             Options.resumed(stored, {"scenario": TOY, **now})
 
 
-def test_another_tuning_is_compared_with_what_the_person_gave_or_with_the_result_and_their_answers_count():
+def test_another_tuning_is_compared_with_what_was_in_use_if_that_was_given_and_answers_count_again():
     mine = Options(scenario="lag", agent="screening", study="mine", n_init=1, n_max=11)
-    first = (
-        "prefcal calibrate lag --calibrator human --agent screening --robust --seed 0 --n-init 1 --n-max 2"
-    )
-    assert mine.anew() == f"{first} --start mine:best --taste mine"
+    first = "prefcal calibrate lag --calibrator human --agent screening --robust --seed 0 --n-init 1"
+    assert mine.anew() == f"{first} --n-max 2 --taste mine"
     given = replace(mine, start=("K=2, T_i=20", "other:best"))
-    assert given.anew() == f"{first} --start 'K=2, T_i=20' --taste mine"
+    assert given.anew() == f"{first} --n-max 3 --start 'K=2, T_i=20' --taste mine"
     program = replace(mine, calibrator="synthetic", agent="glisp", n_init=10)
     assert program.anew().endswith(" --calibrator synthetic --agent glisp --seed 0 --n-init 2 --n-max 2")

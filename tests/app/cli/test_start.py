@@ -56,6 +56,20 @@ def test_a_knob_is_called_by_the_beginning_of_its_name():
             knob_called(word, alike)
 
 
+def test_the_result_of_another_study_is_a_start_and_no_tuning_in_use(done, refused, tmp_path):
+    done("calibrate", TOY, *SYNTHETIC, "--n-max", "3", "--out", "a")
+    best = json.loads((tmp_path / "a" / "best.json").read_text())
+    line = ["calibrate", TOY, *SYNTHETIC, "--n-max", "3", "--start"]
+    done(*line, "a/best.json", "--start", PRESENT, "--out", "b")
+    content = json.loads((tmp_path / "b" / "best.json").read_text())
+    assert content["before"]["theta"] == best["theta"]
+    assert content["before"]["what"] == "result of a"
+    sheet = (tmp_path / "b" / "acceptance.html").read_text("utf-8")
+    assert "Whether the result of a was in use is not known." in sheet
+    assert "To go back" not in sheet
+    assert "c/best.json" in refused(*line, "c/best.json", "--out", "c")
+
+
 @pytest.fixture
 def mine(done):
     """θ that won another study, called mine."""

@@ -194,22 +194,28 @@ def test_a_limit_looser_than_that_of_the_study_is_the_first_thing_said(tmp_path)
     assert not verify_best(tmp_path / BEST, 4, jobs=1, limits=limits[1:]).headline.startswith("By looser")
 
 
-@pytest.mark.parametrize("anew", ["", "prefcal calibrate a.toml --calibrator human --start mine:best"])
-def test_a_study_that_compares_another_tuning_has_the_limits_too(tmp_path, monkeypatch, anew):
-    monkeypatch.chdir(tmp_path)
-    tuning, out = SimpleNamespace(anew=anew, source="a.toml"), Path("out")
+@pytest.mark.parametrize("anew", ["", "prefcal calibrate a.toml --calibrator human"])
+def test_the_result_is_compared_with_another_tuning_by_the_same_limits(anew):
+    tuning, best = SimpleNamespace(anew=anew, source="a.toml", before=LAG), Path("out", BEST)
     begin = f"run: {anew}" if anew else REPEAT
-    assert write._begin_another(tuning, out, ["x <= 1"]) == f"{begin} --limit 'x <= 1'"
+    assert write._begin_another(tuning, best, ["x <= 1"]) == f"{begin} --limit 'x <= 1' --start out/best.json"
     tuning.source = "lag"  # what is no file of a plant takes no limits
-    assert write._begin_another(tuning, out, ["x <= 1"]) == begin
+    assert write._begin_another(tuning, best, ["x <= 1"]) == f"{begin} --start out/best.json"
+
+
+def test_a_result_with_which_its_study_began_stands_once_in_the_command():
+    anew = "prefcal calibrate lag --calibrator human --start K=2"
+    tuning = SimpleNamespace(anew=anew, source="lag", before=None)
+    assert write._begin_another(tuning, Path(BEST), []) == f"run: {anew}"
 
 
 def test_what_compares_another_tuning_unattended_has_a_folder_that_is_free(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "out-2").mkdir()
-    tuning = SimpleNamespace(anew="prefcal calibrate lag --calibrator synthetic", source="lag")
-    assert write._begin_another(tuning, Path("out"), []) == f"run: {tuning.anew} --out out-3"
-    assert write._begin_another(tuning, Path(), []) == f"run: {tuning.anew} --out {tmp_path.name}-2"
+    tuning = SimpleNamespace(anew="prefcal calibrate lag --calibrator synthetic", source="lag", before=LAG)
+    begun = f"run: {tuning.anew} --out"
+    assert write._begin_another(tuning, Path("out", BEST), []) == f"{begun} out-3 --start out/best.json"
+    assert write._begin_another(tuning, Path(BEST), []) == f"{begun} {tmp_path.name}-2 --start best.json"
 
 
 def test_an_own_scenario_that_states_no_kpis_is_limited_by_those_of_its_run(tmp_path):

@@ -149,7 +149,14 @@ def test_a_change_of_a_few_percent_is_not_the_largest_though_the_study_hardly_va
 
 @pytest.mark.parametrize(
     ("start", "name"),
-    [([], "first experiment"), (["T_s=1, N_p=5, gain=1"], "current tuning"), (["paper"], "paper")],
+    [
+        ([], "first experiment"),
+        (["T_s=1, N_p=5, gain=1"], "current tuning"),
+        (["paper"], "paper"),
+        (["/of/mine.prefcal:best", "paper"], "mine.prefcal:best"),
+        (["a/of/best.json"], "result of of"),
+        (["best.json"], "result of an earlier study"),
+    ],
 )
 def test_the_result_is_compared_with_the_tuning_that_the_person_gave(start, name):
     _, now = asked()
