@@ -132,6 +132,7 @@ RIVALS = 60
 are tried with the task as stated before all are."""
 _AROUND, _STEPS = 20, 5
 """Other tunings of a search near the verified one, or near the best of others; and most of these searches."""
+_HELPS = 0.01  # share of the runs that a search must gain for another one to follow
 _TURNED = 10  # random tunings that say whether the nominal plant can do a turned step or load at all
 _HANGS = 3.0  # times the longest other wait, after which a run that is stopped counts as not ended
 _QUICK = 2.0  # seconds of simulation that are not worth starting other processes
@@ -626,8 +627,8 @@ def _as_stated(trials: _Trials) -> tuple[VerifiedRun, ...]:
 def _try_others(trials: _Trials) -> Others:
     """Return how other tunings fare on the plants that the tuning met.
 
-    Few plants tell most of them from the best: so each round runs fewer tunings on more plants, and one on
-    all of them. Source: Jamieson, Talwalkar (2016), Non-stochastic best arm identification and
+    Few plants tell most of them from the best: so each round runs fewer tunings on more plants, and three
+    on all of them. Source: Jamieson, Talwalkar (2016), Non-stochastic best arm identification and
     hyperparameter optimization, AISTATS; successive halving.
     """
     own, space = trials.verified.tuning, trials.scenario.space
@@ -642,12 +643,16 @@ def _try_others(trials: _Trials) -> Others:
         center = (left[0] if left else nearest).theta
         around = trials.nominally(trials.near(center, 0.08, generator))
         tried, able = [*tried, *around], trials.able(around)
+        held = max([count_kept(own.runs), *map(trials.estimate, left[:1])])
         left = sorted(
             [*left, *trials.best(trials.best(able, 6, 6), 24, 3)], key=lambda t: -trials.estimate(t)
         )
-        if left and step and trials.estimate(left[0]) > count_kept(trials.verified.runs):
+        # It goes on while that helps, or while nothing is better than what is verified.
+        if left and step and count_kept(own.runs) < trials.estimate(left[0]) <= held + _HELPS * len(own.runs):
             break
-    stable = ((t, margins_at(trials.known, t.theta)) for t in trials.best(left[:6], RIVALS, 6))
+    last = trials.best(trials.best(left[:9], RIVALS, 3), len(own.runs), 3)
+    stable = ((t, margins_at(trials.known, t.theta)) for t in last)
     best = next((replace(t, margins=m) for t, m in stable if m != UNSTABLE), None)
-    done = trials.on([best], trials.verified.runs) if best else [None]
-    return Others(len(tried), len(trials.able(tried)), done[0])
+    if best:
+        (best,) = trials.on([best], trials.verified.runs)  # in the order of the verified runs
+    return Others(len(tried), len(trials.able(tried)), best)
