@@ -458,7 +458,8 @@ class Verification:
     def _varied_margin(self, kpi: KPI) -> str:
         """Return how far a margin goes on varied plants if many miss its limit, in parentheses; else ""."""
         ends = self.tuning.quantiles(kpi.name)
-        if all(kpi.met(kpi.read(end)) for end in ends) or not np.isfinite(ends).any():
+        kept = [kpi.met(kpi.read(value)) for value in (*ends, self.tuning.nominal.kpis[kpi.name])]
+        if all(kept) or not kept[-1] or not np.isfinite(ends).any():
             return ""
         low, high = (read_text(kpi, kpi.read(end), self.tuning.time_unit) for end in ends)
         return f" (on varied plants, for which it is not required, from {low} to {with_unit(high, kpi.unit)})"

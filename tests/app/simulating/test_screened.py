@@ -271,7 +271,7 @@ VARIED = f"{LIMITED} (not sensors, actuators or task)"
             "Robustness costs about 19 % of time to steady state t_f and about 20 % of u max: what",
         ),
         (300, (("t_f", 3.61, 3.6),), "Robustness costs less than 1 % of each KPI: what promises most"),
-        (12, (("t_f", 4.3, 3.6),), "No simulated θ was found that does in more, beyond chance, of the same"),
+        (12, (("t_f", 4.3, 3.6),), "None of the simulated θ was found to do so in more of the same runs"),
     ],
 )
 def test_what_robustness_costs_is_said_of_a_result_that_holds(kept, costs, words):
@@ -291,7 +291,7 @@ def test_what_robustness_costs_is_said_of_a_result_that_holds(kept, costs, words
             f": it keeps all limits that it meets nominally in 12 of 300 runs {LIMITED}."
         )
         beaten = list(robust(RobustResult(kept, costs, most=40), limited))
-        assert beaten == [with_limits, "Another simulated θ does in 40 of the same runs."]
+        assert beaten == [with_limits, "Another simulated θ does so in 40 of the same runs."]
     assert len(said) == (3 if kept == 300 else 2)
     assert kept < 300 or "verify (V) varies sensors, actuators and task, too" in said[1]
     assert said[-1].startswith(words)

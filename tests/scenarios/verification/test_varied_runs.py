@@ -174,7 +174,8 @@ def test_a_limit_on_a_margin_is_that_of_the_nominal_loop_and_the_runs_have_a_ver
     assert {problem for each in found.runs for problem in each.problems} == {"weight misses its objective"}
     assert "stiffness" not in found.limits
     assert found.margin_verdict == (
-        "Margins of the nominal loop: stiffness 4, required ≤ 4.1: kept, with less than a tenth to spare."
+        "Margins of the nominal loop: stiffness 4, required ≤ 4.1: kept, with less than a tenth to spare (on "
+        "varied plants, for which it is not required, from 3.648 to 4.356)."
     )
     for limit, words in ((3.9, "required ≤ 3.9: NOT kept."), (5.0, "required ≤ 5: kept.")):
         other = replace(found, kpis=(kpis[0], replace(kpis[1], at_most=limit)))
@@ -182,7 +183,10 @@ def test_a_limit_on_a_margin_is_that_of_the_nominal_loop_and_the_runs_have_a_ver
     endless = KPI("pull", "stiffness", at_least=6.0, margin=True)
     nominal = replace(found.tuning.nominal, kpis={"pull": np.inf})
     other = replace(found, kpis=(endless,), tuning=replace(found.tuning, nominal=nominal))
-    assert other.margin_verdict == "Margins of the nominal loop: stiffness ∞, required ≥ 6: kept."
+    assert other.margin_verdict == (
+        "Margins of the nominal loop: stiffness ∞, required ≥ 6: kept (on varied plants, for which it is not "
+        "required, from 3.648 to 4.356)."
+    )
 
 
 def test_beside_some_failed_runs_stands_what_to_do_next():
@@ -501,14 +505,14 @@ def test_where_no_other_tuning_holds_in_more_runs_another_controller_is_advised(
     narrow = replace(SPRING, space=KnobSpace([Knob("gain", 1.8, 2.01)]), kpis=kpis, simulated=True)
     found = verify(narrow, THETA, 100, jobs=1)
     held, most = (sum(not r.problems for r in runs) for runs in (found.runs, found.others.best.runs))
-    assert found.others.count == 60 + 3 * 20
-    assert 0 < found.others.able < 120
+    assert found.others.count == 60 + 4 * 20, "one near the tuning, three near the best"
+    assert 0 < found.others.able < 140
     assert most < 60, "between 1.91 and 2.09, no gain holds for every mass"
     assert (
         Verified.of(found, narrow, "", "1.0", "")
         .advice[0]
         .startswith(
-            "change the controller: none of 120 other tunings that were tried holds in more of the same 100 "
+            "change the controller: none of 140 other tunings that were tried holds in more of the same 100 "
             f"runs, beyond chance (the best in {most}, this one in {held})"
         )
     )
