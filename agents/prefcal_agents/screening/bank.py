@@ -58,8 +58,8 @@ ENOUGH = 300
 than 1 % of such runs do not, with 95 % confidence."""
 _STEPS = (2, 8, 32, 100, ENOUGH)
 """Numbers of perturbed runs after which those of some θ end."""
-_SEARCHED = 240  # number of θ in a search for those that keep the limits in most runs
-_LEFT, _LEAST = 3, 12  # share, one of three, of these that run on after a step; and their least number
+_SEARCHED = 120  # number of θ in a search for those that keep the limits in most runs
+_LEFT, _LEAST = 3, (12, 12, 8, 4, 1)  # of these, one of three runs on after each step, and at least so many
 _JUDGED = 10  # number of simulations from which it is judged whether the names of KPIs change
 
 Learned = TypeVar("Learned")
@@ -176,12 +176,12 @@ class Simulations:
         if self.holds is None or not len(rows):
             return counts
         kept, missed = np.zeros((len(rows), ENOUGH), dtype=np.bool_), self._missed(bank)[rows]
-        left = np.flatnonzero(missed == missed.min())[:_SEARCHED]
-        for done, step in pairwise((0, *_STEPS)):
-            kept[left, done:step] = self.holds(list(bank.thetas[rows[left]]), range(done + 1, step + 1))
-            left = left[np.argsort(-kept[left].sum(axis=1), kind="stable")]
+        going = left = np.flatnonzero(missed == missed.min())[:_SEARCHED]
+        for (done, step), least in zip(pairwise((0, *_STEPS)), _LEAST, strict=True):
+            kept[going, done:step] = self.holds(list(bank.thetas[rows[going]]), range(done + 1, step + 1))
+            left = going[np.argsort(-kept[going].sum(axis=1), kind="stable")]
             left = left[[not holds_more(kept[left[0]], kept[row]) for row in left]]
-            left = left[: max(-(-len(left) // _LEFT), _LEAST)]
+            going = left[: max(-(-len(left) // _LEFT), least)]
         counts[left] = kept[left].sum(axis=1)
         return counts
 
