@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import pairwise
-from math import ceil, isfinite, isinf, isnan
+from math import isfinite, isinf, isnan
 from typing import Any
 
 import numpy as np
@@ -789,7 +789,7 @@ def scenario_view(scenario: Scenario) -> dict[str, Any]:
 def _how(interview: Interview) -> str:
     """Return what the person is asked to do, and how long it takes."""
     planned = interview.known.planned
-    minutes = max(ceil(planned.total * _SECONDS / 60), 1)
+    minutes = max(int(planned.total * _SECONDS / 60 + 0.5), 1)  # half a minute is rounded up
     pace = f"about {counted(minutes, 'minute')} at {_SECONDS} s each"
     took = "at the pace of your experiments" if interview.scenario.source.asks else pace
     return (

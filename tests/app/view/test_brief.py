@@ -55,6 +55,7 @@ def test_the_briefing_asks_for_the_current_tuning_unless_it_was_given():
     view = brief_view(begin(toy, n_max=3))  # described by its names alone
     assert (view["text"], [knob["about"] for knob in view["knobs"]]) == ("", ["", "", ""])
     assert "2 questions, about 1 minute at" in view["how"]
+    assert "10 questions, about 3 minutes at" in brief_view(begin(load("cstr"), n_max=11))["how"]
     assert "T_s=…, N_p=…, gain=…" in brief_view(interview)["start"]
     interview.file.state.configuration["options"]["start"] = ["T_s=1, N_p=5, gain=1"]
     assert brief_view(interview)["start"] == ""
