@@ -20,6 +20,7 @@ from prefcal_scenarios.described.pid_scenario import pid_scenario
 from prefcal_scenarios.names import KEPT_PLANT
 from prefcal_scenarios.own import files_of, fingerprint, runs_code
 from prefcal_scenarios.verification import verify
+from prefcal_scenarios.verification.varied_runs import robustly
 from support.step_tests import NOISE, ROWS, T, U, response, table
 
 
@@ -187,7 +188,7 @@ def test_the_sample_takes_the_place_of_gain_lags_and_dead_time(plant):
         1.0,
         300.0,
     )
-    assert sample.robust
+    assert robustly([sample, *others], ()) == ((sample,), (*others,)), "a robust study varies it, too"
     assert "identified: gain 1.79 to 1.81 °C/%, time constant 1 19.7 to 20.2 s, dead time" in sample.told
     assert [each.name for each in others] == ["range of valve"]
 

@@ -55,7 +55,7 @@ def test_a_run_is_confirmed_stopped_from_any_page_and_compared(browser, served, 
     page = watched.page
     page.goto(served.link)
     page.wait_for_selector("#write-and-start")
-    shown = page.inner_text("#view-live")
+    shown = page.inner_text("#view-live").replace("\xa0", " ")
     for words in (
         "10 s",
         "1 to 60 s",
