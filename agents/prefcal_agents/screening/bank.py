@@ -175,7 +175,7 @@ class Simulations:
         counts = np.zeros(len(rows), dtype=np.int64)
         if self.holds is None or not len(rows):
             return counts
-        kept, missed = np.zeros((len(rows), ENOUGH), dtype=np.bool_), self._missed(bank)[rows]
+        kept, missed = np.zeros((len(rows), ENOUGH), dtype=np.bool_), self._count_missed(bank)[rows]
         going = left = np.flatnonzero(missed == missed.min())[:_SEARCHED]
         for (done, step), least in zip(pairwise((0, *_STEPS)), _LEAST, strict=True):
             kept[going, done:step] = self.holds(list(bank.thetas[rows[going]]), range(done + 1, step + 1))
@@ -187,10 +187,10 @@ class Simulations:
 
     def eligible(self, bank: Bank) -> Bool[np.ndarray, " m"]:
         """Return which θ of a bank miss the fewest stated limits nominally, shape (m,): none if one can."""
-        missed = self._missed(bank)
+        missed = self._count_missed(bank)
         return np.asarray(missed == missed.min())
 
-    def _missed(self, bank: Bank) -> Int[np.ndarray, " m"]:
+    def _count_missed(self, bank: Bank) -> Int[np.ndarray, " m"]:
         """Return how many stated limits each θ of a bank misses nominally, shape (m,)."""
         limits = [self.reading.limits.get(name) for name in bank.names]
         limited = [k for k, most in enumerate(limits) if most is not None]

@@ -36,13 +36,13 @@ def run(options: IdentifyOptions) -> int:
     console.print(_numbers(found))
     for line in (*_conditions(found, made, guessed=limits is None), *made.notes):
         say(console, line)
-    kept = _kept(found, path)
+    kept = _keep(found, path)
     put(target, picture(test, made))
     say(console, f"Picture: {target}", *kept)
     return 0
 
 
-def _kept(found: Found, record: Path) -> tuple[str, ...]:
+def _keep(found: Found, record: Path) -> tuple[str, ...]:
     """Keep what was found beside its record; return where, and what comes next, or why it cannot be kept."""
     path = record.with_suffix(KEPT_PLANT)
     try:

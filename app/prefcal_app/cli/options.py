@@ -90,8 +90,8 @@ class Options(Described):
         twin: A rough model of the plant: simulate unseen on this scenario, and run only what is
             shown. It has the plant's knobs and KPIs; prefcal learns how both differ.
         robust: Look for a result that also keeps the limits in 300 runs with varied plants, or in most of
-            them if none keeps all. All varies that `prefcal verify` varies; without limits, only parameters,
-            dead time and noise. What that costs is said at the end.
+            them if none keeps all. With stated limits varies what `prefcal verify` varies, except directions;
+            else only parameters, dead time and noise. What that costs is said at the end.
         study: Study to start or to resume: a name in your data folder, or a file (with a / or a
             suffix).
         seed: Seed of the agent, the calibrator and the order of the two sides.
@@ -251,9 +251,9 @@ class Options(Described):
         """
         kept, start = self.study if self.by_a_person else None, self.start[:1]
         taste = kept if kept and self.agent == "screening" else self.taste
-        robust, few = self.agent in SIMULATING, 2 + len(start)
-        n_init = min(self.n_init, few)
-        return replace(self, start=start, taste=taste, n_init=n_init, n_max=few, robust=robust).command()
+        robust, shown = self.agent in SIMULATING, 2 + len(start)
+        n_init = min(self.n_init, shown)
+        return replace(self, start=start, taste=taste, n_init=n_init, n_max=shown, robust=robust).command()
 
     def command(self) -> str:
         """Return a command line that repeats the study, without its folder."""

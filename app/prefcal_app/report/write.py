@@ -420,7 +420,7 @@ def verify_best(
             timeout=timeout,
             progress=progress,
         )
-    said = _said(found, tuning, best, limits, f"{clock(UTC):%Y-%m-%d %H:%M} UTC")
+    said = _put_in_words(found, tuning, best, limits, f"{clock(UTC):%Y-%m-%d %H:%M} UTC")
     said = replace(said, limits=limits, ranges=ranges)
     said = _offering(said, found, own, _command(best, runs, seed, limits, ranges))
     _keep(said, found, tuning, best, timeout)
@@ -493,7 +493,9 @@ def _begin_another(tuning: BestTuning, best: Path, limits: Sequence[str]) -> str
     return " ".join(words)
 
 
-def _said(found: Verification, tuning: BestTuning, best: Path, limits: Sequence[str], at: str) -> Verified:
+def _put_in_words(
+    found: Verification, tuning: BestTuning, best: Path, limits: Sequence[str], at: str
+) -> Verified:
     """Return what a verification says of a best.json, with earlier verdicts on the same worst runs."""
     if found.planned and not found.runs and not found.unheld:
         raise ScenarioError("stopped before a random run was completed, so nothing is written")

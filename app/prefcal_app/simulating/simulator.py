@@ -250,7 +250,10 @@ class SimulationCounts:
         if self.seconds < _SOON:
             return ""
         about = in_time(float(5 * round(self.seconds / 5) if self.seconds > 10 else round(self.seconds)))
-        return f"Each question takes about {about}, since each new tuning is tried on {ENOUGH} plants."
+        longer = "one near the end can take several times as long"
+        return (
+            f"Each question takes about {about}, since each new tuning is tried on {ENOUGH} plants; {longer}."
+        )
 
     @property
     def going_on(self) -> str:

@@ -27,7 +27,7 @@ from prefcal_scenarios.scenario import KPI, Scenario, finds_kpis, with_found_kpi
 from .loop_margins import UNKNOWN, margins_at
 from .result import RANGE_0, Others, Robustness, Verification, VerifiedRun, breakable, count_kept, problems_of
 
-# --- The perturbed runs of a candidate in a robust study: which there are, and how many keep the limits.
+# --- The perturbed runs of a candidate in a robust study: which there are, and which keep the limits.
 
 _APART = 2**40
 """Distance of the seed of the variations: `verify` draws others, so that it can judge what is found."""
@@ -534,11 +534,8 @@ class _Trials:
         new = [(k, *pair) for k, row in enumerate(rows) for pair in zip(row, plants, strict=True)]
         new = [each for each in new if each[1] not in self.made]
         cases = [_Case(k, dict(run.values), run.seed) for k, _, run in new]
-        done = (
-            self.many(Variations(self.known.at, [t.theta for t in tunings], cases, noted=True))
-            if cases
-            else []
-        )
+        at = Variations(self.known.at, [t.theta for t in tunings], cases, noted=True)
+        done = self.many(at) if cases else []
         if len(done) < len(cases):
             raise _Stopped
         for (_, key, _), case, result in zip(new, cases, done, strict=True):

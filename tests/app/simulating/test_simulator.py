@@ -144,7 +144,10 @@ def test_a_pause_between_batches_is_no_pace():
     ("seconds", "about"), [(2.9, None), (3.4, "3 s"), (23.0, "25 s"), (118.0, "2 min"), (0.0, None)]
 )
 def test_what_hardly_takes_time_is_not_said(seconds, about):
-    said = f"Each question takes about {about}, since each new tuning is tried on 300 plants."
+    said = (
+        f"Each question takes about {about}, since each new tuning is tried on 300 plants; one near the end "
+        "can take several times as long."
+    )
     assert SimulationCounts(0, 1000, 0, 0, seconds=seconds).pace == (said if about else "")
 
 

@@ -56,7 +56,10 @@ def test_how_long_a_question_takes_is_said_once_in_the_terminal_and_on_the_page(
         pace.begin()
         for k in range(21):
             pace.arrived(1, 0.1 * k)
-    said = "Each question takes about 40 s, since each new tuning is tried on 300 plants."
+    said = (
+        "Each question takes about 40 s, since each new tuning is tried on 300 plants; one near the end "
+        "can take several times as long."
+    )
     assert now_view(interview)["simulated"]["pace"] == said
     out = " ".join(talk(interview, "<<x").split())
     assert out.count(said) == 1
