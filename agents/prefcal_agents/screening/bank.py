@@ -34,7 +34,7 @@ from prefcal_env.arrays import holds_more, integer
 from prefcal_env.errors import PreferenceError, SettingsError, SimulationError
 from prefcal_env.knobs import KnobSpace, theta_keys
 from prefcal_env.preferences.answer import Outcome, Reading
-from prefcal_env.preferences.history import History, KPIValues
+from prefcal_env.preferences.history import History, KPIValues, Sample
 
 # --- Run simulations for an agent, each θ once, keep their KPIs, and what all such agents share.
 
@@ -631,7 +631,7 @@ class Growth:
             bank = self.extend(bank, *self._space.proposals(self._design[start : start + wide]))
             spread = np.append(spread, np.arange(len(stage.bank), len(bank)))
         # A person may ask for any θ, also for one that the design never had: answers about it need its KPIs.
-        z, thetas = np.array([s.z for s in past.samples]), np.array([s.theta for s in past.samples])
+        z, thetas = _points(past.samples)
         return bank if bank.has_all(thetas) else self.extend(bank, z, thetas), spread
 
     def _learn(
@@ -673,6 +673,11 @@ class Growth:
             stage = self._stage(past, bank, stage.spread, stage.scale, stage.utilities, judges)
         return stage
 
+    def stage_with(self, samples: Sequence[Sample], past: History, stage: Stage) -> Stage:
+        """Return the stage after `past` with the θ of more samples in its bank."""
+        bank = self.extend(stage.bank, *_points(samples))
+        return self._stage(past, bank, stage.spread, stage.scale, stage.utilities)
+
     def extend(self, bank: Bank, z: Float[np.ndarray, "j n"], thetas: Float[np.ndarray, "j n"]) -> Bank:
         """Return the bank with more θ, simulating what was not simulated yet."""
         return self._simulate(np.vstack([bank.z, z]), np.vstack([bank.thetas, thetas]))
@@ -684,6 +689,11 @@ class Growth:
 
     def _rng(self, past: History, stream: int) -> np.random.Generator:
         return np.random.default_rng([self._seed, past.answered, len(past.follow_ups), stream])
+
+
+def _points(samples: Sequence[Sample]) -> tuple[Float[np.ndarray, "j n"], Float[np.ndarray, "j n"]]:
+    """Return the points of the cube of samples, and their physical θ."""
+    return np.array([s.z for s in samples]), np.array([s.theta for s in samples])
 
 
 def _plan(n_simulated: int) -> list[tuple[int, int]]:

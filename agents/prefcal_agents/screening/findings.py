@@ -44,12 +44,14 @@ class Reason:
             matters most first.
         worse_in: Names of those in which it is worse, likewise.
         kept: In a robust study, how many of `ENOUGH` perturbed runs keep the limits.
+        against: How many of those of the best so far do.
     """
 
     chance: float
     better_in: tuple[str, ...]
     worse_in: tuple[str, ...]
     kept: int | None = None
+    against: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +65,7 @@ class RobustResult:
             most first; each with the value of the best θ and of that one, as agents know them.
         outdone: Whether it does not hold since it misses more limits nominally than a simulated θ does.
         among: Whether costs are beside those θ alone that keep all stated limits nominally.
+        first: How many of the same runs the first experiment keeps; None if it is the best.
     """
 
     kept: int
@@ -70,6 +73,7 @@ class RobustResult:
     outdone: bool = False
     among: bool = False
     most: int = 0
+    first: int | None = None
 
 
 def reason_for(stage: Stage, new: int, best: int, history: History) -> Reason:
@@ -270,14 +274,16 @@ def _reason(agent: Screening, stage: Stage) -> Reason | None:
     query = agent.ask()
     if query.incumbent is None:
         return None
-    try:
-        new, best = stage.bank.rows([query.challenger.theta, query.incumbent.theta]).tolist()
-    except KeyError:  # a person asked for it
-        return None
+    samples = [agent.history.samples[each.index] for each in (query.challenger, query.incumbent)]
+    both = np.array([sample.theta for sample in samples])
+    if not stage.bank.has_all(both):  # a person gave or asked for one
+        stage = agent.growth.stage_with(samples, agent.history.past, stage)
+    new, best = stage.bank.rows(list(both)).tolist()
     found = reason_for(stage, new, best, agent.history)
     if agent.simulations.holds is None:
         return found
-    return replace(found, kept=int(agent.simulations.runs_kept(stage.bank.thetas[new]).sum()))
+    kept, against = (int(agent.simulations.runs_kept(theta).sum()) for theta in both)
+    return replace(found, kept=kept, against=against)
 
 
 def _explain_result(agent: Screening, known: Findings) -> Findings:
@@ -333,7 +339,10 @@ def _robustness(agent: Screening, stage: Stage, past: History, best: int) -> Rob
     runs = simulations.runs_kept(bank.thetas[best])
     kept = int(runs.sum())
     whole = not simulations.reading.missed(bank.names, bank.kpis[[best]])[0]
-    found = RobustResult(kept, outdone=bool(~eligible[best]), among=whole and bool(~eligible.all()))
+    first = (
+        None if agent.best_index == 0 else int(simulations.runs_kept(np.array(past.samples[0].theta)).sum())
+    )
+    found = RobustResult(kept, (), bool(~eligible[best]), whole and bool(~eligible.all()), first=first)
     if kept < ENOUGH:
         by_worth = np.argsort(-agent.growth.worth(past).mean(axis=0), kind="stable")
         rows = np.append(best, by_worth[by_worth != best])

@@ -77,7 +77,7 @@ def record_of(interview: Interview, options: Options, references: Mapping[str, E
 
 def _robust(interview: Interview) -> tuple[str, ...]:
     known, best = interview.known, interview.now().incumbent
-    return robust_study(known.findings, interview.scenario, known.nominal(best))
+    return robust_study(known.findings, interview.scenario, known.nominal(best), known.nominal(0))
 
 
 def _fingerprints(options: Options, state: State) -> tuple[str, str]:

@@ -109,6 +109,7 @@ def why(
     learned: bool = True,
     missed: Sequence[str] = (),
     shown: Experiment | None = None,
+    best: Experiment | None = None,
 ) -> str:
     """Return why an experiment is compared with the best so far, as one sentence.
 
@@ -120,6 +121,7 @@ def why(
         learned: Whether there is an answer that a chance follows from.
         missed: Titles of the KPIs whose objectives the new experiment misses and the best meets.
         shown: The experiment, if it ran on the plant that perturbed runs vary.
+        best: The best so far, likewise.
     """
     differs = _differs(reason, _namer(scenario))
     chance = f" (chance that you prefer it: {percent(reason.chance)})" if learned else ""
@@ -131,7 +133,14 @@ def why(
         told = f"Nothing learned yet: {side.lower()} {differs}."
     which = "objectives" if len(missed) > 1 else "objective"
     told = f"{told} It misses the {which} for {join_words(missed)}." if missed else told
-    return told if reason.kept is None else f"{told} {_held(reason.kept, 'It', scenario, shown)}"
+    if reason.kept is None:
+        return told
+    told = f"{told} {_held(reason.kept, 'It', scenario, shown)}"
+    return (
+        told
+        if reason.against is None
+        else f"{told} {_held(reason.against, 'The best so far', scenario, best)}"
+    )
 
 
 def _differs(reason: Reason, named: Callable[[str, bool], str]) -> str:
@@ -277,12 +286,23 @@ def _perturbed(scenario: Scenario) -> str:
     return f"They vary {join_words([*own, 'the seed of the noise'])}{and_more}."
 
 
-def robust(found: RobustResult, scenario: Scenario, nominal: Experiment | None = None) -> Iterator[str]:
-    """Yield how the result, whose nominal run may be known, holds and what that costs, a sentence each."""
+def robust(
+    found: RobustResult,
+    scenario: Scenario,
+    nominal: Experiment | None = None,
+    first: Experiment | None = None,
+) -> Iterator[str]:
+    """Yield how the result holds, what was gained and what that costs, a sentence each.
+
+    The nominal runs of the result and of the first experiment may be known.
+    """
     yield _held(found.kept, "The result", scenario, nominal, outdone=found.outdone)
     if found.kept < ENOUGH:  # nothing was paid
         none = "None of the simulated θ was found to do so in more of the same runs, beyond chance."
         yield f"Another simulated θ does so in {found.most} of the same runs." if found.most else none
+    if found.first is not None:
+        yield _held(found.first, "Experiment 1", scenario, first)
+    if found.kept < ENOUGH:
         return
     yield _perturbed(scenario)
     missed = nominal is not None and any(k.met_by(nominal) is False for k in scenario.kpis)
@@ -368,11 +388,14 @@ def wanted(wishes: Mapping[str, float], scenario: Scenario, index: LearnedCost |
 
 
 def robust_study(
-    found: Findings | None, scenario: Scenario, nominal: Experiment | None = None
+    found: Findings | None,
+    scenario: Scenario,
+    nominal: Experiment | None = None,
+    first: Experiment | None = None,
 ) -> tuple[str, ...]:
     """Return how the best of a robust study holds, a sentence each, also if that was left before its end."""
     if found is not None and found.over and found.robustness is not None:
-        return tuple(robust(found.robustness, scenario, nominal))
+        return tuple(robust(found.robustness, scenario, nominal, first))
     if found is None or found.kept is None:
         return (f"Whether the result holds in {ENOUGH} {_runs(scenario)} was not worked out.",)
     return _held(found.kept, "The result", scenario, nominal), _perturbed(scenario)
@@ -385,6 +408,7 @@ def told(
     *,
     index: LearnedCost | None,
     nominal: Experiment | None,
+    first: Experiment | None = None,
 ) -> tuple[str, ...]:
     """Return how the result holds, what was wanted, what it rests on, and what need not change.
 
@@ -392,7 +416,7 @@ def told(
     """
     if not found.concluded:
         return ()
-    said = () if found.robustness is None else tuple(robust(found.robustness, scenario, nominal))
+    said = () if found.robustness is None else tuple(robust(found.robustness, scenario, nominal, first))
     if found.explained:
         said += (
             wanted(dict(found.wishes), scenario, index),
@@ -417,16 +441,17 @@ def promise(found: Findings) -> str:
         return ""
     if said is not None and not said.explained:
         return "The answers may follow from more than the KPIs: how much is left to gain is not said."
+    # To know which of them hold would take hundreds of runs of each.
+    which = f"the {found.simulated} simulated{'' if found.kept is None else ', whether it holds or not,'}"
     if said is not None and said.share is not None and said.chance is not None:
         left = enough(found)
         more = f"{left}{_as_good_as(said)}" if left else _EARLY
         return (
-            f"The chance that the most promising of the {found.simulated} simulated is noticeably better "
-            f"than the best so far is {percent(said.chance)}. {more}"
+            f"The chance that the most promising of {which} is noticeably better than the best so far is "
+            f"{percent(said.chance)}. {more}"
         )
     return (
-        f"The chance that the most promising of the {found.simulated} simulated is better than "
-        f"the best so far is {percent(chance)}."
+        f"The chance that the most promising of {which} is better than the best so far is {percent(chance)}."
     )
 
 

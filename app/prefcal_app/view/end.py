@@ -142,8 +142,17 @@ def why_view(interview: Interview, now: Now) -> tuple[str, Sequence[str]]:
     scenario, history = interview.scenario, now.state.history
     reason, missed = _shown_reason(found.reason, question, scenario)
     learned = found.chance_of_better is not None
-    shown = interview.known.nominal(new.index)
-    told = why(reason, scenario, side=side, requested=requested, learned=learned, missed=missed, shown=shown)
+    shown, best = (interview.known.nominal(each.index) for each in (new, question.incumbent))
+    told = why(
+        reason,
+        scenario,
+        side=side,
+        requested=requested,
+        learned=learned,
+        missed=missed,
+        shown=shown,
+        best=best,
+    )
     if history.incumbent != history.by_answers:
         told = f"{told} {after_a_slip(history, robust=is_robust(now.state))}"
     return told, list(dict.fromkeys([*named_titles(reason, scenario), *missed]))
@@ -357,8 +366,8 @@ def held(interview: Interview) -> list[str]:
     """Return how the result of a robust study holds, a sentence each; empty for other studies."""
     found = interview.known.findings
     known = None if found is None or not found.concluded else found.robustness
-    nominal = interview.known.nominal(interview.now().incumbent)
-    return [] if known is None else list(robust(known, interview.scenario, nominal))
+    best, first = (interview.known.nominal(index) for index in (interview.now().incumbent, 0))
+    return [] if known is None else list(robust(known, interview.scenario, best, first))
 
 
 def _gain(interview: Interview, best: int, now: Now, seen: Seen) -> dict[str, Any]:

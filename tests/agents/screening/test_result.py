@@ -370,6 +370,24 @@ def test_a_reason_says_how_the_challenger_holds():
     assert findings(agent).reason.kept == ENOUGH
 
 
+def test_two_given_tunings_are_compared_with_how_each_of_them_holds():
+    agent = Screening(SPACE, simulate=Fast(), n_simulated=100, start=[[0.9, 0.5], [0.5, 0.5]])
+    agent.tell(agent.ask(), None)
+    reason = findings(agent).reason
+    assert (reason.kept, reason.against) == (ENOUGH, 5)
+    assert (reason.better_in, reason.worse_in) == (("noise",), ("time",))
+    assert agent.simulations.count <= len(agent.bank) + 2, "no more is simulated than the two"
+
+
+def test_a_result_says_how_the_first_experiment_held():
+    agent = studied(Fast(), start=[[0.9, 0.5]])
+    found = everything(agent).robustness
+    assert (found.kept, found.first) == (ENOUGH, 5)
+    fastest = studied(Fast(), start=[[0.6, 1.0]], n_max=3)
+    assert fastest.best_index == 0
+    assert everything(fastest).robustness.first is None, "there is nothing to compare with"
+
+
 THETAS = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])
 
 

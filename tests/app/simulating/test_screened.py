@@ -292,6 +292,11 @@ def test_what_robustness_costs_is_said_of_a_result_that_holds(kept, costs, words
         )
         beaten = list(robust(RobustResult(kept, costs, most=40), limited))
         assert beaten == [with_limits, "Another simulated θ does so in 40 of the same runs."]
+        *same, before = robust(RobustResult(kept, costs, most=40, first=7), limited)
+        assert same == beaten
+        assert before == (
+            f"Experiment 1 does not hold: it keeps all limits that it meets nominally in 7 of 300 runs {LIMITED}."
+        )
     assert len(said) == (3 if kept == 300 else 2)
     assert kept < 300 or "verify (V) varies sensors, actuators and task, too" in said[1]
     assert said[-1].startswith(words)
