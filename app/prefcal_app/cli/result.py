@@ -18,7 +18,7 @@ from prefcal_app.session.study import trust_text
 from prefcal_app.simulating import robust_study
 from prefcal_app.summary import kept_on_plant, kept_text, list_shown
 from prefcal_app.terminal.showing import say
-from prefcal_app.view.end import baseline_of
+from prefcal_app.view.end import baseline_of, runs_held
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.study import Concluded, State
 from prefcal_scenarios.own import fingerprint
@@ -71,13 +71,14 @@ def record_of(interview: Interview, options: Options, references: Mapping[str, E
         by=options.by or "",
         kept=kept_on_plant(state),
         robust=_robust(interview) if options.robust else (),
+        runs_held=runs_held(interview.known.findings),
         digest=interview.file.digest if options.by_a_person and interview.file.path != IN_MEMORY else "",
     )
 
 
 def _robust(interview: Interview) -> tuple[str, ...]:
     known, best = interview.known, interview.now().incumbent
-    return robust_study(known.findings, interview.scenario, known.nominal(best), known.nominal(0))
+    return robust_study(known.findings, interview.scenario, known.nominal(best))
 
 
 def _fingerprints(options: Options, state: State) -> tuple[str, str]:

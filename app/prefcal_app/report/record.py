@@ -292,6 +292,7 @@ class StudyRecord:
         by: Name of the person who answered; empty if it was not given.
         kept: What was confirmed on the plant, as `kept_on_plant` returns it; empty if nothing was.
         robust: How the result of a robust study holds, a sentence each; empty for other studies.
+        runs_held: In how many varied runs of that the first experiment and the result hold; None if unknown.
     """
 
     scenario: Scenario
@@ -320,6 +321,7 @@ class StudyRecord:
     by: str = ""
     kept: Mapping[str, Any] = field(default_factory=dict)
     robust: tuple[str, ...] = ()
+    runs_held: tuple[int, int] | None = None
 
     @cached_property
     def trials(self) -> tuple[Trial, ...]:
@@ -506,7 +508,7 @@ MOST = 3  # number of KPIs that the table of experiments shows
 def gain_rows(record: StudyRecord) -> list[dict[str, Any]]:
     """Return what was gained, a row for each KPI, as the page shows it."""
     spread = Spread(trial.experiment.kpis for trial in record.trials)
-    return gained(record.before.experiment, record.result.experiment, record.kpis, spread)
+    return gained(record.before.experiment, record.result.experiment, record.kpis, spread, record.runs_held)
 
 
 def gain_of(record: StudyRecord) -> dict[str, Any]:

@@ -176,9 +176,9 @@ class Known:
         )
         said = self.findings
         if said is not None and state.ended:
-            nominal, first = self.nominal(state.history.incumbent), self.nominal(0)
+            nominal = self.nominal(state.history.incumbent)
             scenario, run = self._scenario(), self._experiment
-            result = told(said, scenario, run, index=self.index, nominal=nominal, first=first)
+            result = told(said, scenario, run, index=self.index, nominal=nominal)
             found = replace(found, result=result, enough=enough(said))
         if not by_value:
             found = replace(found, unbeaten=others_unbeaten(state.history, robust=is_robust(state)))

@@ -286,23 +286,12 @@ def _perturbed(scenario: Scenario) -> str:
     return f"They vary {join_words([*own, 'the seed of the noise'])}{and_more}."
 
 
-def robust(
-    found: RobustResult,
-    scenario: Scenario,
-    nominal: Experiment | None = None,
-    first: Experiment | None = None,
-) -> Iterator[str]:
-    """Yield how the result holds, what was gained and what that costs, a sentence each.
-
-    The nominal runs of the result and of the first experiment may be known.
-    """
+def robust(found: RobustResult, scenario: Scenario, nominal: Experiment | None = None) -> Iterator[str]:
+    """Yield how the result, whose nominal run may be known, holds and what that costs, a sentence each."""
     yield _held(found.kept, "The result", scenario, nominal, outdone=found.outdone)
     if found.kept < ENOUGH:  # nothing was paid
         none = "None of the simulated θ was found to do so in more of the same runs, beyond chance."
         yield f"Another simulated θ does so in {found.most} of the same runs." if found.most else none
-    if found.first is not None:
-        yield _held(found.first, "Experiment 1", scenario, first)
-    if found.kept < ENOUGH:
         return
     yield _perturbed(scenario)
     missed = nominal is not None and any(k.met_by(nominal) is False for k in scenario.kpis)
@@ -388,14 +377,11 @@ def wanted(wishes: Mapping[str, float], scenario: Scenario, index: LearnedCost |
 
 
 def robust_study(
-    found: Findings | None,
-    scenario: Scenario,
-    nominal: Experiment | None = None,
-    first: Experiment | None = None,
+    found: Findings | None, scenario: Scenario, nominal: Experiment | None = None
 ) -> tuple[str, ...]:
     """Return how the best of a robust study holds, a sentence each, also if that was left before its end."""
     if found is not None and found.over and found.robustness is not None:
-        return tuple(robust(found.robustness, scenario, nominal, first))
+        return tuple(robust(found.robustness, scenario, nominal))
     if found is None or found.kept is None:
         return (f"Whether the result holds in {ENOUGH} {_runs(scenario)} was not worked out.",)
     return _held(found.kept, "The result", scenario, nominal), _perturbed(scenario)
@@ -408,7 +394,6 @@ def told(
     *,
     index: LearnedCost | None,
     nominal: Experiment | None,
-    first: Experiment | None = None,
 ) -> tuple[str, ...]:
     """Return how the result holds, what was wanted, what it rests on, and what need not change.
 
@@ -416,7 +401,7 @@ def told(
     """
     if not found.concluded:
         return ()
-    said = () if found.robustness is None else tuple(robust(found.robustness, scenario, nominal, first))
+    said = () if found.robustness is None else tuple(robust(found.robustness, scenario, nominal))
     if found.explained:
         said += (
             wanted(dict(found.wishes), scenario, index),

@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from prefcal_agents.people import Bank
 from prefcal_agents.result import find_unbeaten, rows_between
+from prefcal_agents.screening.bank import ENOUGH
 from prefcal_agents.screening.findings import Findings, Reason
 from prefcal_app.session import Interview, Now, Outlook, Question, Side
 from prefcal_app.session.study import is_robust, tried_on_plant
@@ -366,14 +367,15 @@ def held(interview: Interview) -> list[str]:
     """Return how the result of a robust study holds, a sentence each; empty for other studies."""
     found = interview.known.findings
     known = None if found is None or not found.concluded else found.robustness
-    best, first = (interview.known.nominal(index) for index in (interview.now().incumbent, 0))
-    return [] if known is None else list(robust(known, interview.scenario, best, first))
+    nominal = interview.known.nominal(interview.now().incumbent)
+    return [] if known is None else list(robust(known, interview.scenario, nominal))
 
 
 def _gain(interview: Interview, best: int, now: Now, seen: Seen) -> dict[str, Any]:
     both = interview.past.experiment(0), interview.past.experiment(best)
     scenario = interview.scenario
-    rows = gained(*both, scenario.shown_kpis, seen.look(interview).spread)
+    held = runs_held(interview.known.findings)
+    rows = gained(*both, scenario.shown_kpis, seen.look(interview).spread, held)
     before = theta_view(scenario.space, both[0], exact=True)
     found = gain_view(baseline_of(now.state), best, rows, before)
     return {**found, "curves": curves_of_both(*both, scenario)}
@@ -457,8 +459,18 @@ def first_rows(rows: Sequence[Mapping[str, Any]]) -> list[int]:
     return [*better[:3], *worse] or list(range(len(rows)))[:3]
 
 
+def runs_held(found: Findings | None) -> tuple[int, int] | None:
+    """Return in how many of `ENOUGH` varied runs the baseline and the result hold, if that was asked."""
+    known = None if found is None else found.robustness
+    return None if known is None or known.first is None else (known.first, known.kept)
+
+
 def gained(
-    before: Experiment, after: Experiment, kpis: Sequence[KPI], spread: Spread
+    before: Experiment,
+    after: Experiment,
+    kpis: Sequence[KPI],
+    spread: Spread,
+    held: tuple[int, int] | None = None,
 ) -> list[dict[str, Any]]:
     """Return a row for each KPI before and after, largest change first, unmeasured ones last.
 
@@ -475,12 +487,29 @@ def gained(
         after: Best experiment.
         kpis: KPIs to show.
         spread: What is usual in the study.
+        held: What `runs_held` returns, which comes before all.
     """
     rows = [row for row in compare(before, after, kpis, spread) if row["group"] in ("", WORST)]
     rows.sort(key=lambda row: (row["left"]["met"] == row["right"]["met"], -row["change"]))
     found = [_row(row) for row in rows]
     missing = [kpi for kpi in kpis if not {kpi.name} & {*before.kpis, *after.kpis}]
-    return found + list(map(_row, unmeasured(before, after, missing)))
+    first = [] if held is None else [_held_row(*held)]
+    return [*first, *found, *map(_row, unmeasured(before, after, missing))]
+
+
+def _held_row(before: int, after: int) -> dict[str, Any]:
+    more = after - before
+    return {
+        "title": f"varied runs that hold, of {ENOUGH}",
+        "about": "How many runs with varied plants keep the limits that the run as modeled keeps",
+        "unit": "",
+        "objective": "",
+        "before": f"{before}",
+        "after": f"{after}",
+        "met": None,
+        "change": f"{more:+d}".replace("-", "−") if more else "no change",
+        "verdict": "" if abs(more) < _SLIGHT * ENOUGH else "better" if more > 0 else "worse",
+    }
 
 
 def _row(row: dict[str, Any]) -> dict[str, Any]:

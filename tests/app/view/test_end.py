@@ -6,10 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from prefcal_agents.screening.findings import Findings, RobustResult
 from prefcal_app.session import Choice, actions
 from prefcal_app.summary import Spread
 from prefcal_app.view import now_view
-from prefcal_app.view.end import baseline_of, curves_of_both, gain_view, gained
+from prefcal_app.view.end import baseline_of, curves_of_both, gain_view, gained, runs_held
 from prefcal_env import PID, Channel, Channels
 from prefcal_env.controllers import as_data
 from prefcal_scenarios.scenario import KPI
@@ -131,6 +132,24 @@ def test_the_picture_has_the_response_that_differs_most_and_an_input_of_both():
 
 def test_without_any_difference_there_is_no_picture():
     assert pictured() is None
+
+
+def test_a_robust_study_gains_runs_that_hold_before_all():
+    first = asked()[0].past.experiment(0)
+    run, kpi = replace(first, kpis={"t_f": 3.0}), KPI("t_f", "settling time", "h", at_most=20.0)
+
+    def top(**counts):
+        found = Findings(True, 9, robustness=RobustResult(**counts))
+        row, _ = gained(run, run, [kpi], Spread(), runs_held(found))
+        return row["title"], row["before"], row["after"], row["change"], row["verdict"]
+
+    title = "varied runs that hold, of 300"
+    assert top(kept=280, first=36) == (title, "36", "280", "+244", "better")
+    assert top(kept=36, first=280) == (title, "280", "36", "−244", "worse")
+    assert top(kept=300, first=298) == (title, "298", "300", "+2", "")
+    assert top(kept=7, first=7) == (title, "7", "7", "no change", "")
+    assert runs_held(Findings(True, 9, robustness=RobustResult(300))) is None, "the first one is the result"
+    assert runs_held(Findings(True, 9)) is None
 
 
 def test_what_is_usual_in_the_study_decides_whether_a_change_is_slight():
