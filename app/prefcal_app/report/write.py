@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime, tzinfo
-from functools import cache
+from functools import cache, partial
 from importlib.resources import files
 from itertools import count
 from pathlib import Path
@@ -30,6 +30,7 @@ from prefcal_env.experiments.experiment import Channel, End, Experiment
 from prefcal_env.plants.jacobians import U
 from prefcal_env.sources.source import env_of, plant_of
 from prefcal_env.sources.varied import Ranges
+from prefcal_scenarios.described.description import limit_of
 from prefcal_scenarios.described.making import limited
 from prefcal_scenarios.described.steps import marks_of
 from prefcal_scenarios.isolated import DEFAULT_LIMIT
@@ -39,7 +40,7 @@ from prefcal_scenarios.scenario import KPI, Picture, Scenario, finds_kpis, with_
 from prefcal_scenarios.style import WIDTH, png, style
 from prefcal_scenarios.verification import Verification, verify
 from prefcal_scenarios.verification.loop_margins import margins_said
-from prefcal_scenarios.verification.result import VerifiedRun
+from prefcal_scenarios.verification.result import VerifiedRun, command_of
 from prefcal_scenarios.verification.said import (
     BEST,
     NOT_VARIED,
@@ -420,9 +421,10 @@ def verify_best(
             timeout=timeout,
             progress=progress,
         )
+    command = partial(command_of, best=str(best), more=_options_of(runs, ranges))
+    found = replace(found, anew=partial(_relaxed, command, limits, found.kpis))
     said = _put_in_words(found, tuning, best, limits, f"{clock(UTC):%Y-%m-%d %H:%M} UTC")
-    said = replace(said, limits=limits, ranges=ranges)
-    said = _offering(said, found, own, _command(best, runs, seed, limits, ranges))
+    said = _offering(replace(said, limits=limits, ranges=ranges), found, own, command)
     _keep(said, found, tuning, best, timeout)
     return said
 
@@ -463,12 +465,26 @@ def _limited(tuning: BestTuning, limits: Sequence[str], timeout: float | None) -
     return replace(tuning, scenario=limited(scenario, limits))
 
 
-def _command(best: Path, runs: int, seed: int, limits: Sequence[str], ranges: Ranges) -> list[str]:
-    """Return the words that verify a best.json again in the same way."""
-    words = [*(("--runs", str(runs)) if runs != RUNS else ()), *(("--seed", str(seed)) if seed else ())]
-    words += _options("--limit", limits)
-    words += _options("--range", (f"{name}={_typed(change)}" for name, change in ranges.items()))
-    return ["prefcal", "verify", str(best), *words]
+def _options_of(runs: int, ranges: Ranges) -> list[str]:
+    """Return the words that verify by as many runs with the same ranges."""
+    changes = (f"{name}={_typed(change)}" for name, change in ranges.items())
+    return [*(("--runs", str(runs)) if runs != RUNS else ()), *_options("--range", changes)]
+
+
+def _relaxed(
+    command: Callable[[int, Sequence[str]], str],
+    limits: Sequence[str],
+    kpis: Sequence[KPI],
+    seed: int,
+    wanted: Sequence[str],
+) -> str:
+    """Return the command that verifies with another seed, and by wanted limits in place of those of the same
+    KPIs, which may be named by their titles."""
+    names, new = {kpi.title: kpi.name for kpi in kpis}, {limit_of(text)[0] for text in wanted}
+    old = (limit_of(text)[0] for text in limits)
+    return command(
+        seed, [*(t for t, name in zip(limits, old, strict=True) if names.get(name, name) not in new), *wanted]
+    )
 
 
 def _options(flag: str, values: Iterable[str]) -> list[str]:
@@ -512,7 +528,9 @@ def _put_in_words(
     return replace(said, headline=f"{changed}{said.headline}", worst=_judged(said.worst, best.parent), at=at)
 
 
-def _offering(said: Verified, found: Verification, own: Sequence[KPI], command: Sequence[str]) -> Verified:
+def _offering(
+    said: Verified, found: Verification, own: Sequence[KPI], command: Callable[[int, Sequence[str]], str]
+) -> Verified:
     """Return what a verification says, with its own limits and the command that judges by usual ones.
 
     Where it is judged by looser limits than `own`, those of the study, that comes first.
@@ -528,7 +546,7 @@ def _offering(said: Verified, found: Verification, own: Sequence[KPI], command: 
     usual = [f"{k.name} <= {float(f'{limit:.4g}'):g} {k.unit}".strip() for k, limit, _ in found.usual]
     if not usual:
         return said
-    lines = (shlex.join([*command, *_options("--limit", usual)]),)
+    lines = (command(said.seed, [*said.limits, *usual]),)
     return replace(said, lines=lines, limits_kept=f"{said.limits_kept} To judge it by the usual limits, run:")
 
 

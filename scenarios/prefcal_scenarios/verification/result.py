@@ -1,8 +1,8 @@
 """What came of a verification: frozen data, and what follows from it."""
 
 import shlex
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -113,6 +113,12 @@ class Others:
     best: Robustness | None  # how the best of them fares on the same plants; None without any
 
 
+def command_of(seed: int, limits: Sequence[str], best: str = "best.json", more: Sequence[str] = ()) -> str:
+    """Return the command that verifies a best.json with a seed, limits as typed, and more options."""
+    asked = [word for limit in limits for word in ("--limit", limit)]
+    return shlex.join(["prefcal", "verify", best, *more, *(["--seed", str(seed)] if seed else []), *asked])
+
+
 @dataclass(frozen=True)
 class Verification:
     """A tuning on plants that are not exactly as modeled.
@@ -134,6 +140,8 @@ class Verification:
         unheld: Random runs that do not count, since no input can hold their plant at start or target.
         inputs: Inputs of the nominal plant; empty if they are not known.
         seed: Seed of the variations.
+        anew: Function of another seed and of limits, each as typed, that returns the command that verifies by
+            them in place of its own.
     """
 
     scenario: str
@@ -149,6 +157,7 @@ class Verification:
     unheld: tuple[VerifiedRun, ...] = ()
     inputs: tuple[Channel, ...] = ()
     seed: int = 0
+    anew: Callable[[int, Sequence[str]], str] = field(default=command_of, compare=False)
 
     @property
     def runs(self) -> tuple[VerifiedRun, ...]:
@@ -496,7 +505,7 @@ class Verification:
         held, count = len(self.runs) - len(self.failed) + len(freed), len(self.runs)
         if len(changed) < len(kpis) or len(freed) < CHANCE:
             return held, ""
-        typed = [f for k in kpis for f in ("--limit", f"{k.name} {_tightest(k, freed, typed=True)}")]
+        typed = [f"{kpi.name} {_tightest(kpi, freed, typed=True)}" for kpi in kpis]
         limits = [f"{_tightest(kpi, freed)} in place of {limits_text(kpi)}" for kpi in kpis]
         if len(kpis) == 1:
             what, new = f"limit of {kpis[0].title}", limits[0]
@@ -508,7 +517,7 @@ class Verification:
         return (
             held,
             f"relax the {what}: with {new}, {held} of these {count} runs hold{still}; as that fits these "
-            f"plants, verify it on other ones, with {shlex.join(['--seed', str(self.seed + 1), *typed])}",
+            f"plants, verify it on other ones: {self.anew(self.seed + 1, typed)}",
         )
 
     def _near(self, kpi: KPI, value: float) -> bool:

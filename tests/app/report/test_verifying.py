@@ -4,6 +4,7 @@ import json
 import re
 from dataclasses import replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -28,7 +29,9 @@ from prefcal_env.disk import digest_of
 from prefcal_env.errors import ScenarioError, SettingsError, StaleError
 from prefcal_env.sources.source import plant_of
 from prefcal_scenarios import load
+from prefcal_scenarios.scenario import KPI
 from prefcal_scenarios.verification.loop_margins import margins_at
+from prefcal_scenarios.verification.result import command_of
 from prefcal_scenarios.verification.said import BEST, REPEAT, Verified
 from prefcal_scenarios.wording import measured_texts
 from support.verified import FOUND
@@ -201,6 +204,15 @@ def test_the_result_is_compared_with_another_tuning_by_the_same_limits(anew):
     assert write._begin_another(tuning, best, ["x <= 1"]) == f"{begin} --limit 'x <= 1' --start out/best.json"
     tuning.source = "lag"  # what is no file of a plant takes no limits
     assert write._begin_another(tuning, best, ["x <= 1"]) == f"{begin} --start out/best.json"
+
+
+def test_a_relaxed_limit_takes_the_place_of_that_of_the_same_kpi_in_a_whole_command():
+    kpis = KPI("ts", "settling time"), KPI("most", "overshoot")
+    command = partial(command_of, best="out/best.json", more=write._options_of(60, {"parameter": 0.2}))
+    anew = partial(write._relaxed, command, ["settling time <= 2", "most <= 10"], kpis)
+    begin = "prefcal verify out/best.json --runs 60 --range parameter=0.2"
+    assert anew(3, ["ts <= 3 s"]) == f"{begin} --seed 3 --limit 'most <= 10' --limit 'ts <= 3 s'"
+    assert anew(0, ["most <= 12"]) == f"{begin} --limit 'settling time <= 2' --limit 'most <= 12'"
 
 
 def test_a_result_with_which_its_study_began_stands_once_in_the_command():

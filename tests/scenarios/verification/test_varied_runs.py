@@ -215,7 +215,8 @@ def test_beside_some_failed_runs_stands_what_to_do_next():
     (relax,) = Verified.of(replace(found, others=None), SPRING, "", "1.0", "").advice
     assert relax == (
         f"relax the limit of weight: with ≤ {heaviest:.4g} in place of ≤ 2.1, 200 of these 200 runs hold; as "
-        f"that fits these plants, verify it on other ones, with --seed 1 --limit 'weight <= {heaviest:.4g}'"
+        "that fits these plants, verify it on other ones: prefcal verify best.json --seed 1 "
+        f"--limit 'weight <= {heaviest:.4g}'"
     )
     assert "Before (current tuning): 200 of 200 of the same plants." in said.statement
     tiny = replace(found.others, best=replace(best, theta=np.array([-2.13872e-06])))
@@ -570,7 +571,8 @@ def test_an_outlier_does_not_set_the_limit_that_is_advised():
     (relax,) = found.advice
     assert relax.endswith(
         f"with ≤ {most:.4g} s in place of ≤ 1.02 s, {60 - late} of these 60 runs hold; "
-        f"as that fits these plants, verify it on other ones, with --seed 1 --limit 'ts <= {most:.4g} s'"
+        "as that fits these plants, verify it on other ones: prefcal verify best.json --seed 1 "
+        f"--limit 'ts <= {most:.4g} s'"
     )
 
 
@@ -616,7 +618,7 @@ def test_no_relaxed_limit_is_advised_to_a_run_that_never_arrives():
     (relax,) = found.advice
     held = 60 - len(late) + len(slow)
     words = f"with ≤ {max(slow):.4g} s in place of ≤ 1.02 s, {held} of these 60 runs hold; "
-    words += "as that fits these plants, verify it on other ones, with --seed 1 "
+    words += "as that fits these plants, verify it on other ones: prefcal verify best.json --seed 1 "
     words += f"--limit 'ts <= {max(slow):.4g} s'"
     assert relax == f"relax the limit of settling time: {words}"
 
@@ -635,13 +637,13 @@ def test_limits_that_are_missed_together_are_relaxed_together():
     )  # who settles too late overshoots too far as well, so that limit alone is no help
     most = masses[masses <= 1.06].max()
     words = f"with ≤ {10 * most:.4g} % in place of ≤ 10.2 %, {one} of these 60 runs hold; "
-    words += "as that fits these plants, verify it on other ones, with --seed 1 "
+    words += "as that fits these plants, verify it on other ones: prefcal verify best.json --seed 1 "
     words += f"--limit 'most <= {10 * most:.4g} %'"
     assert alone == f"relax the limit of overshoot: {words}"
     assert both == (
         f"relax the limits together: with settling time ≤ {heaviest:.4g} s in place of ≤ 1.06 s, "
         f"overshoot ≤ {10 * heaviest:.4g} % in place of ≤ 10.2 %, 60 of these 60 runs hold; "
-        "as that fits these plants, verify it on other ones, with --seed 1 "
+        "as that fits these plants, verify it on other ones: prefcal verify best.json --seed 1 "
         f"--limit 'ts <= {heaviest:.4g} s' --limit 'most <= {10 * heaviest:.4g} %'"
     )
 
@@ -1027,7 +1029,7 @@ def test_no_limit_is_relaxed_for_what_can_as_well_be_chance():
         assert bool(few.advice) is advised
     other = verify(SPRING, THETA, 200, seed=1, jobs=1)
     assert {run.seed for run in found.runs}.isdisjoint(run.seed for run in other.runs)
-    assert "verify it on other ones, with --seed 2 --limit 'weight <= " in other.advice[0]
+    assert "verify it on other ones: prefcal verify best.json --seed 2 --limit 'weight <= " in other.advice[0]
     assert Verified.of(other, SPRING, "", "1.0", "").seed == 1
 
 
