@@ -36,6 +36,7 @@ from prefcal_scenarios.wording import (
     quantity,
     range_ends,
     read_text,
+    sentence,
     typed_number,
     with_unit,
 )
@@ -45,6 +46,7 @@ from .loop_margins import USUAL, kept_margin, remaining, usual_margins
 # --- What came of a verification, as frozen data, and what follows from it.
 
 CONFIDENCE = 0.95
+_LOUD = 5.0  # times that a sensor makes a KPI as bad, from which on it is said beside the verdict
 _MUCH = 0.1  # share of the room to a limit from which on a factor is told to use it
 CHANCE = 5  # runs that a relaxed limit must gain: fewer can as well be chance, 1/2 to the power of 5 is 3 %
 RANGE_0 = "its range is 0"
@@ -268,7 +270,7 @@ class Verification:
             none = f"Not even the nominal run has a finite {' or '.join(self.never)}."
             # It comes before a count of what all the same end safely, which reads as good news.
             said = f"{said} {none}" if said.startswith("Does not") else f"{none} {said}"
-        said += self._quiet
+        said += self._quiet + self._loud
         usual = "; ".join(self._offer(*each) for each in self.usual)
         usual = f" Usual limits: {usual}." if usual and count else ""
         known = "nominal loop is not stable" in said  # nothing else can be said of margins then
@@ -355,6 +357,20 @@ class Verification:
         """Return that the study of an identified plant has no noise though its record has; "" if not so."""
         told = [f.told for f in self.factors if f.name == NOISE and f.told.startswith(IDENTIFIED)]
         return f" The runs that were compared are without {told[0].removeprefix(IDENTIFIED)}." if told else ""
+
+    @property
+    def _loud(self) -> str:
+        """Return which KPI a sensor alone makes many times as bad, such as a valve's moves; "" if none."""
+        for each in self.effects:
+            kpi = next((k for k in self.kpis if k.title == each.kpi and k.goal == "lower"), None)
+            if kpi is None or each.factor.kind != "sensor" or not each.doubled:
+                continue
+            both = self.tuning.nominal.kpis[kpi.name], each.run.kpis[kpi.name]
+            if both[1] > _LOUD * both[0] > 0:
+                before, after = (number(value) for value in comparable(kpi, both))
+                worse = f"{kpi.title} from {before} to {with_unit(after, kpi.unit)}"
+                return f" {sentence(f'{each.factor.name} alone takes {worse}')}"
+        return ""
 
     @property
     def misses_margin(self) -> bool:

@@ -99,6 +99,11 @@ def test_what_doubles_a_kpi_comes_before_what_only_goes_further_beyond_its_range
         "noise (0 to 0.04 of the step): total move 58 → 802 %",
         "mass (0.9 to 1.1): M_s 1.78 → 1.9",
     )
+    # No limit says how much noise may move a valve: so it is said beside the verdict.
+    assert " Noise alone takes total move from 58 to 802 %." in found.headline
+    calm = verify(replace(SPRING, run=Noisy(), kpis=kpis), THETA, 20, ranges={NOISE: [0, 0.01]}, jobs=1)
+    assert calm.effects[0].doubled
+    assert "alone takes" not in calm.headline, "58 → 244 % is less than 5 times"
     for least, doubled in ((9.0, True), (11.0, False)):  # of 20, 9 is less than half and 11 is not
 
         def worn(theta, seed=0, mass=1.0, least=least):
