@@ -364,8 +364,8 @@ def after_a_slip(history: History, *, robust: bool = False) -> str:
     best, winner = ((index or 0) + 1 for index in (history.incumbent, history.by_answers))
     if robust:
         return (
-            f"Experiment {best} is the best so far of those that keep the limits in most runs with varied "
-            f"plants, though {winner} won."
+            f"Experiment {winner} won, but {best} is the best so far: of those shown that hold on the most "
+            "varied plants, the answers prefer it."
         )
     return (
         f"Experiment {best} is the best so far, though {winner} won: all answers together speak "

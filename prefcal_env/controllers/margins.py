@@ -295,8 +295,9 @@ class _Start:
                     f"input {channel.name!r} rests at {value:g} {channel.unit}, a limit: there the "
                     "loop has no linear law and so no margins; choose another operating point"
                 )
-        J, n = local_system(plant, x, u, d), len(x)
-        C, D = np.vstack([np.eye(n), J.C]), np.vstack([np.zeros((n, len(u))), J.D])
+        J, n = local_system(plant, x, u, d).behind(task.lag), len(x)
+        # A controller may see the states, but not how far a lag has come.
+        C, D = np.vstack([np.eye(n, len(J.A)), J.C]), np.vstack([np.zeros((n, len(u))), J.D])
         late = np.broadcast_to(np.asarray(task.measurement_delay, dtype=float), len(plant.outputs))
         delay = np.vstack([np.tile(delays_of(plant)[0], (n, 1)), dead_times(plant) + late[:, None]])
         y = np.asarray(plant.g(x, u, d), dtype=float)

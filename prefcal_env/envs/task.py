@@ -122,7 +122,7 @@ class Task:
         lag: Time constant of the actuators, which no controller is told; 0 for none. Two steps stand for an
             input on its way, so that the plant gets as much of it, and as late, as from a continuous lag; of
             a small move, and on a discrete plant, one, its mean over the period. The record has the input
-            that was asked for, within range and rate. Margins leave the lag out.
+            that was asked for, within range and rate. Margins are those behind the lag.
         measurement_delay: Dead time of the measurements, one number or one for each output; that of
             the plant's outputs is added.
         jitter: Share of the sampling time, below 0.5, by which a sampling instant is early, or late,

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -61,11 +62,13 @@ class RobustResult:
     Args:
         kept: How many of `ENOUGH` perturbed runs keep the limits.
         most: How many another simulated θ keeps, if that is more, beyond chance; else 0.
-        costs: KPIs in which another θ is better that promises most, but does not hold, what matters
-            most first; each with the value of the best θ and of that one, as agents know them.
+        costs: KPIs in which another θ is better that promises most, but does not hold, or in which the one
+            that keeps more runs differs, what matters most first; each with the value of the best θ and of
+            that one, as agents know them.
         outdone: Whether it does not hold since it misses more limits nominally than a simulated θ does.
         among: Whether costs are beside those θ alone that keep all stated limits nominally.
         first: How many of the same runs the first experiment keeps; None if it is the best.
+        other: That other θ, physical; empty without one.
     """
 
     kept: int
@@ -74,6 +77,7 @@ class RobustResult:
     among: bool = False
     most: int = 0
     first: int | None = None
+    other: tuple[float, ...] = ()
 
 
 def reason_for(stage: Stage, new: int, best: int, history: History) -> Reason:
@@ -348,13 +352,21 @@ def _robustness(agent: Screening, stage: Stage, past: History, best: int) -> Rob
         rows = np.append(best, by_worth[by_worth != best])
         counts = simulations.steadiest(bank, rows)
         top = rows[counts.argmax()]
-        more = holds_more(simulations.runs_kept(bank.thetas[top]), runs)
-        return replace(found, most=int(counts.max())) if more else found
+        if not holds_more(simulations.runs_kept(bank.thetas[top]), runs):
+            return found
+        return replace(found, most=int(counts.max()), **_beside(stage, past, best, int(top)))
     if rival == best or found.outdone or simulations.held(bank, np.array([rival]))[0]:
         return found
-    names = reason_for(stage, rival, best, past).better_in
-    pairs = bank.kpis[[best, rival]][:, [bank.names.index(name) for name in names]].T.tolist()
-    return replace(found, costs=tuple((n, *pair) for n, pair in zip(names, pairs, strict=True)))
+    return replace(found, **_beside(stage, past, best, rival, worse=False))
+
+
+def _beside(stage: Stage, past: History, best: int, other: int, *, worse: bool = True) -> dict[str, Any]:
+    """Return another θ, and its KPIs that are better, or also those that are worse, beside the best's."""
+    bank, reason = stage.bank, reason_for(stage, other, best, past)
+    names = reason.better_in + reason.worse_in * worse
+    pairs = bank.kpis[[best, other]][:, [bank.names.index(name) for name in names]].T.tolist()
+    costs = tuple((name, *pair) for name, pair in zip(names, pairs, strict=True))
+    return {"costs": costs, "other": tuple(bank.thetas[other].tolist())}
 
 
 def _find_smaller_change(agent: Screening, known: Findings) -> Findings:

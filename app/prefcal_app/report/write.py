@@ -188,7 +188,9 @@ def answers(record: StudyRecord) -> Answers:
     partial = "; the study is not complete" if record.partial else ""
     digest = f" SHA-256 of the study file: {record.digest}." if record.digest else ""
     said = record.outlook
-    promise, told = ("", ()) if said is None else (said.enough or said.promise, said.result)
+    promise, unbeaten, told = (
+        ("", "", ()) if said is None else (said.enough or said.promise, said.unbeaten, said.result)
+    )
     only = "only where candidates are simulated, at the end of a study"
     found = {
         "Who answered": f"{counted(len(record.trials), 'experiment')}, "
@@ -198,7 +200,9 @@ def answers(record: StudyRecord) -> Answers:
         "Left to gain": f"{promise} {record.trust}".strip()
         if promise
         else f"Not stated: {'the study was left before its end' if record.partial else only}.",
-        "Why this one": " ".join(each for each in told if each not in record.robust)
+        "Why this one": " ".join(
+            filter(None, (unbeaten, *(each for each in told if each not in record.robust)))
+        )
         or "It is the best by the answers, each of which is in comparisons.csv.",
         "Robust study": " ".join(record.robust),
         "The PID": pid_text(record),

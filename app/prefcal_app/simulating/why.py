@@ -1,6 +1,7 @@
 """Put into words what is found of a question and of a result."""
 
 import re
+import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from math import isinf
@@ -22,7 +23,7 @@ from prefcal_env.sources.varied import BEYOND
 from prefcal_scenarios.scenario import KPI, Scenario
 from prefcal_scenarios.verification.result import breakable
 from prefcal_scenarios.verification.varied_runs import robustly
-from prefcal_scenarios.wording import join_words, quantity, with_unit
+from prefcal_scenarios.wording import join_words, quantity, typed_theta, with_unit
 
 # --- Say in one sentence why an experiment is shown, what the answer can change, and what was wanted.
 
@@ -291,7 +292,7 @@ def robust(found: RobustResult, scenario: Scenario, nominal: Experiment | None =
     yield _held(found.kept, "The result", scenario, nominal, outdone=found.outdone)
     if found.kept < ENOUGH:  # nothing was paid
         none = "None of the simulated θ was found to do so in more of the same runs, beyond chance."
-        yield f"Another simulated θ does so in {found.most} of the same runs." if found.most else none
+        yield _more_often(found, scenario) if found.most else none
         return
     yield _perturbed(scenario)
     missed = nominal is not None and any(k.met_by(nominal) is False for k in scenario.kpis)
@@ -305,25 +306,43 @@ def robust(found: RobustResult, scenario: Scenario, nominal: Experiment | None =
     limited = found.among and any(k.met(0.0) is not None for k in scenario.kpis)
     if found.costs:
         those = ", of what keeps the stated limits," if limited else ""
-        yield f"Robustness costs {costs}: what promises most nominally{those} does not hold."
+        which = f" ({typed_theta(scenario.space, found.other)})" if found.other else ""
+        yield f"Robustness costs {costs}: what promises most nominally{those} does not hold{which}."
     else:
         those = "keeps the stated limits nominally but does" if limited else "does"
         yield f"Robustness costs nothing: no simulated θ that {those} not hold promises more."
 
 
+def _more_often(found: RobustResult, scenario: Scenario) -> str:
+    """Return which simulated θ holds in more runs, what else it changes as modeled, and how to compare it."""
+    kpis = {kpi.name: kpi for kpi in scenario.kpis}
+    read = [_read(kpis.get(name), name, *pair) for name, *pair in found.costs[:_NAMED]]
+    changes = [f"{title} {theirs} (result: {ours})" for title, ours, theirs in read if ours != theirs]
+    has = f"; as modeled it has {join_words(changes)}" if changes else ""
+    said = f"Another simulated θ does so in {found.most} of the same runs{has}."
+    if not found.other:
+        return said
+    start = shlex.join(["--start", typed_theta(scenario.space, found.other)])
+    return f"{said} A study with {start} compares it."
+
+
 def _price(kpi: KPI | None, name: str, ours: float, theirs: float) -> str:
     """Return by how much the value of a KPI is worse than another, both as agents know them; "" if hardly."""
-    title = kpi.title if kpi else name.replace("_", " ")
-    if theirs and not isinf(ours):
-        share = (ours - theirs) / abs(theirs)
-        return f"about {100 * share:.0f} % of {title}" if share >= _LEAST else ""
-    # There is no share of 0, and none by which never is later than something.
-    unit = kpi.unit if kpi else ""
-    if kpi and kpi.goal == "target":
-        return f"{title} ({quantity(ours, unit)} from the middle of its objective, within it otherwise)"
+    title, *read = _read(kpi, name, ours, theirs)
+    if kpi and kpi.goal == "target" and not theirs:
+        return f"{title} ({read[0]} from the middle of its objective, within it otherwise)"
+    said = f"{title} ({read[0]} instead of {read[1]})"
+    if not theirs or isinf(ours):  # there is no share of 0, and none by which never is later than something
+        return said
+    share = (ours - theirs) / abs(theirs)
+    return f"about {100 * share:.0f} % of {said}" if share >= _LEAST else ""
+
+
+def _read(kpi: KPI | None, name: str, *values: float) -> tuple[str, ...]:
+    """Return the title of a KPI and, as people read them, values as agents know them."""
+    title, unit = (kpi.title, kpi.unit) if kpi else (name.replace("_", " "), "")
     sign = -1.0 if kpi and kpi.goal == "higher" else 1.0
-    read = ["never" if isinf(value) else quantity(sign * value + 0.0, unit) for value in (ours, theirs)]
-    return f"{title} ({read[0]} instead of {read[1]})"
+    return title, *("never" if isinf(v) else quantity(sign * v + 0.0, unit) for v in values)
 
 
 def menu_names(

@@ -172,7 +172,7 @@ def _whole(plant: Plant, found: Design) -> LinearSystem:
     C = np.vstack([np.eye(len(J.A)), J.C[outputs]])
     D = np.vstack([np.zeros(J.B.shape), J.D[outputs]])
     delay = np.vstack([np.tile(delays_of(plant)[0], (len(J.A), 1)), found.delay[outputs]])
-    return sampled(LinearSystem(J.A, J.B, C, D, J.dt), found.T_s, delay)
+    return sampled(LinearSystem(J.A, J.B, C, D, J.dt).behind(found.lag), found.T_s, delay)
 
 
 def _tuned(plant: Plant, found: Design) -> Design:

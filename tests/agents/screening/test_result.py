@@ -249,6 +249,10 @@ def test_a_result_says_if_another_theta_keeps_more_runs():
     found = everything(agent).robustness
     assert 50 < found.kept < 130
     assert found.most > 280
+    assert found.other[0] <= 0.05
+    assert sorted(name for name, *_ in found.costs) == ["noise", "time"]
+    for name, ours, theirs in found.costs:
+        assert (ours, theirs) == tuple(Plain()(theta)[name] for theta in (agent.best, found.other))
 
 
 def test_the_price_is_what_the_best_nominal_one_is_better_in():
@@ -258,6 +262,7 @@ def test_the_price_is_what_the_best_nominal_one_is_better_in():
     ((name, ours, theirs),) = found.costs
     assert (name, ours) == ("time", 2.0 - agent.best[0])
     assert 1.0 <= theirs < ours, "nothing takes less than 1 s"
+    assert theirs == 2.0 - found.other[0], "which it names"
     assert everything(studied(Fast(edge=1.0))).robustness.costs == ()
     assert everything(studied(Plain())).robustness is None
 

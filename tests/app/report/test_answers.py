@@ -58,6 +58,10 @@ def test_who_answered_what_and_why_the_result_is_the_result():
     found = dict(answers(robust))
     assert found["Robust study"] == " ".join(holds)
     assert found["Why this one"] == "The answers fit these wishes: calmness."
+    won = "Experiment 2 won, but 3 is the best so far."
+    found = dict(answers(replace(robust, outlook=replace(told, unbeaten=won))))
+    assert found["Why this one"] == f"{won} The answers fit these wishes: calmness."
+    assert dict(answers(replace(record, outlook=Outlook(unbeaten=won))))["Why this one"] == won
     assert found["Left to gain"] == "Fewer than 4 % are better. A sum predicted 4 of 6 answers."
     assert f"The study was robust. {holds[0]} They vary the gain." in page(robust, [])
     short = replace(told, enough="Fewer than 4 %.")

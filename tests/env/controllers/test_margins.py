@@ -440,6 +440,35 @@ def found_response(plant, task, make):
     return caught[0]
 
 
+@pytest.mark.parametrize("make", [lambda: PID(2.0, 3.0, 0.7, T_s=0.1), lambda: feedback()])
+def test_margins_behind_a_lag_are_those_of_a_plant_that_has_it_as_a_state(make):
+    plant = made() if isinstance(make(), LQR) else Plant.of(LAGS)
+    J, n, lag = plant.system, len(plant.x0), 0.03
+    A_2 = np.block([[J.A, J.B], [np.zeros((1, n)), np.full((1, 1), -1 / lag)]])
+    C_2 = np.hstack([J.C, J.D])
+    slow = Plant.of((A_2, np.vstack([np.zeros((n, 1)), [[1 / lag]]]), C_2, [[0.0]]))
+    task = Task(np.zeros(n), np.zeros(1), np.zeros(1), horizon=20.0, T_s=0.1)
+
+    class Blind:
+        """The same controller, which does not see the state of the lag."""
+
+        T_s = 0.1
+
+        def __init__(self):
+            self.own = make()
+
+        def move(self, m):
+            return self.own.move(replace(m, x=m.x[:n]))
+
+    behind = margins(plant, replace(task, lag=lag), make)
+    same = margins(slow, replace(task, x0=np.zeros(n + 1)), Blind)
+    without = margins(plant, task, make)
+    for name in ("M_s", "gain", "gain_reduction", "phase", "delay", "disk"):
+        assert getattr(behind, name) == pytest.approx(getattr(same, name), rel=1e-6)
+    assert behind.phase < without.phase - 1
+    assert behind.delay < without.delay
+
+
 def test_margins_are_kpis_that_can_be_limits():
     plant = Plant.of(LAGS, inputs=[Channel("valve", "%", -100, 100)])
     task = Task(np.zeros(3), np.zeros(1), np.ones(1), horizon=20.0, T_s=0.1)

@@ -10,9 +10,11 @@ from scipy import signal
 from prefcal_app import load_controller
 from prefcal_env import LQG, LQR, Channel, End, FunctionPlant, Knob, Move, PlantEnv, Task, rollout
 from prefcal_env.controllers import as_data
+from prefcal_env.envs.varied_loop import LAG
 from prefcal_env.errors import ScenarioError
 from prefcal_env.plants.plant import Plant
 from prefcal_env.plants.systems import system_of
+from prefcal_env.sources.source import env_of
 from prefcal_scenarios.described.design import process_of
 from prefcal_scenarios.described.lqr_scenario import lqr_scenario
 from prefcal_scenarios.described.pid_scenario import pid_scenario
@@ -291,6 +293,21 @@ def test_the_sensitivity_of_coupled_loops_is_that_of_their_margins():
     theta = np.array([6.37, 0.301, 0.194, 0.2, 60.0, 0.221, 0.012, 0.03])
     assert scenario.run(theta).kpis["M_s"] == pytest.approx(1.98, abs=0.01)
     assert margins_at(scenario.source.varied(), theta).M_s == pytest.approx(1.98, abs=0.01)
+
+
+@pytest.mark.parametrize("make", [pid_scenario, lqr_scenario])
+def test_the_sensitivity_behind_a_lag_is_that_of_the_margins_there(make):
+    scenario = make(PLANTS["lag with dead time"])
+    known, theta = scenario.source.varied(), next(iter(scenario.references.values()))
+    found = []
+    for lag in (0.0, 1.5):
+        source = known.at({LAG: lag})
+        loop = replace(known.loop, task=env_of(source).task)
+        found.append((source.run(theta).kpis["M_s"], margins_at(replace(known, loop=loop), theta).M_s))
+    (own, same), (slower, same_slower) = found
+    assert own == pytest.approx(same, rel=1e-3)
+    assert slower == pytest.approx(same_slower, rel=1e-3)
+    assert abs(slower - own) > 0.02 * own
 
 
 @pytest.mark.parametrize("delay", [0.0, 1.0])
