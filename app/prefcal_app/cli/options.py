@@ -25,6 +25,7 @@ simulate, of processes that a machine could handle, and seed that a study file c
 
 BY_VALUE = tuple(word for word, row in WORDS.items() if row.by_value)  # the agents that are told scores
 
+_SEARCHED = 3  # experiments beyond the given ones of a study that compares another tuning
 SIMULATING = tuple(word for word, row in WORDS.items() if row.simulates)
 """The agents that simulate experiments which nobody looks at."""
 
@@ -247,13 +248,14 @@ class Options(Described):
     def anew(self) -> str:
         """Return a command line that compares the tuning before, if it was given, with two that follow.
 
-        A study that is kept also tells the new one what its answers taught.
+        An agent that simulates then searches on, with a few questions. A study that is kept also tells the
+        new one what its answers taught.
         """
         kept, start = self.study if self.by_a_person else None, self.start[:1]
         taste = kept if kept and self.agent == "screening" else self.taste
-        robust, shown = self.agent in SIMULATING, 2 + len(start)
-        n_init = min(self.n_init, shown)
-        return replace(self, start=start, taste=taste, n_init=n_init, n_max=shown, robust=robust).command()
+        robust, given = self.agent in SIMULATING, 2 + len(start)
+        n_init, n_max = min(self.n_init, given), given + _SEARCHED * robust
+        return replace(self, start=start, taste=taste, n_init=n_init, n_max=n_max, robust=robust).command()
 
     def command(self) -> str:
         """Return a command line that repeats the study, without its folder."""

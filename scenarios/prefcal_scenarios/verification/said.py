@@ -43,7 +43,7 @@ NOT_VARIED = ("what was not varied", "why")
 """Headings of the rows of what did not vary."""
 REFUSED = "not acceptable"
 """Verdict of a person on a worst run that speaks against the tuning."""
-REPEAT = "repeat the command of the study with --robust --n-max 2"
+REPEAT = "repeat the command of the study with --robust --n-max 5"
 """How to compare another tuning, up to the options that name it, if no command is known."""
 _NAMED = 8  # number of values of a run that are named
 
@@ -341,8 +341,8 @@ def _other(found: Verification, scenario: Scenario, again: str) -> str:
     known = f", the tuning before in {old}{perhaps}" if before else perhaps
     return (
         f"{which} holds in {held} of the same {count} runs, this one in {count_kept(found.runs)}{known}"
-        f"{_nominal_changes(found, best)}. To compare it and keep what you like (a larger --n-max searches "
-        f"on), {again} {shlex.join(['--start', typed_theta(scenario.space, best.theta.tolist())])}"
+        f"{_nominal_changes(found, best)}. To compare it, search on and keep what you like, "
+        f"{again} {shlex.join(['--start', typed_theta(scenario.space, best.theta.tolist())])}"
     )
 
 

@@ -113,8 +113,8 @@ def test_options_of_one_run_may_change_on_resuming():
 def test_another_tuning_is_compared_with_what_was_in_use_if_that_was_given_and_answers_count_again():
     mine = Options(scenario="lag", agent="screening", study="mine", n_init=1, n_max=11)
     first = "prefcal calibrate lag --calibrator human --agent screening --robust --seed 0 --n-init 1"
-    assert mine.anew() == f"{first} --n-max 2 --taste mine"
+    assert mine.anew() == f"{first} --n-max 5 --taste mine"
     given = replace(mine, start=("K=2, T_i=20", "other:best"))
-    assert given.anew() == f"{first} --n-max 3 --start 'K=2, T_i=20' --taste mine"
+    assert given.anew() == f"{first} --n-max 6 --start 'K=2, T_i=20' --taste mine"
     program = replace(mine, calibrator="synthetic", agent="glisp", n_init=10)
     assert program.anew().endswith(" --calibrator synthetic --agent glisp --seed 0 --n-init 2 --n-max 2")

@@ -272,8 +272,8 @@ VARIED = f"{LIMITED} (not sensors, actuators or task)"
         (
             300,
             (("t_f", 4.3, 3.6), ("u_max", -8.0, -10.0), ("e", 9.0, 1.0)),
-            "Robustness costs about 19 % of time to steady state t_f (4.3 h instead of 3.6 h) and about 20 % of "
-            "u max (−8 instead of −10): what",
+            "Robustness costs about 19 % of time to steady state t_f (4.3 h instead of 3.6 h) and about 20 % "
+            "of u max (−8 instead of −10): what",
         ),
         (300, (("t_f", 3.61, 3.6),), "Robustness costs less than 1 % of each KPI: what promises most"),
         (12, (("t_f", 4.3, 3.6),), "None of the simulated θ was found to do so in more of the same runs"),

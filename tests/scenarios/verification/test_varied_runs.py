@@ -212,8 +212,8 @@ def test_beside_some_failed_runs_stands_what_to_do_next():
     (other,) = Verified.of(new, replace(SPRING, simulated=True), "", "1.0", "").advice
     assert other == (
         f"a tuning that was tried holds in 200 of the same 200 runs, this one in {200 - len(found.failed)}; "
-        f"nominally weight 2 → {gain:.3g}. To compare it and keep what you like (a larger --n-max "
-        "searches on), repeat the command of the study with --robust --n-max 2 "
+        f"nominally weight 2 → {gain:.3g}. To compare it, search on and keep what you like, "
+        "repeat the command of the study with --robust --n-max 5 "
         f"--start gain={gain:.6g}"
     )
     told = Verified.of(
@@ -563,7 +563,7 @@ def test_a_reference_that_holds_is_advised_where_the_tuning_does_not_even_nomina
     named = replace(found, others=replace(found.others, best=soft))
     (advice,) = Verified.of(named, scenario, "", "1.0", "").advice
     assert advice.startswith("the tuning soft holds in 20 of the same 20 runs, this one in")
-    assert advice.endswith("repeat the command of the study with --robust --n-max 2 --start gain=1.8")
+    assert advice.endswith("repeat the command of the study with --robust --n-max 5 --start gain=1.8")
 
 
 def test_an_outlier_does_not_set_the_limit_that_is_advised():
