@@ -280,9 +280,8 @@ def _perturbed(scenario: Scenario) -> str:
         return "They vary what prefcal verify (V) varies." if breakable(scenario.kpis) else plant
     own, others = ([f.name for f in each] for each in robustly(factors, scenario.kpis))
     if breakable(scenario.kpis):
-        return (
-            f"They vary what prefcal verify (V) varies{f', but not {join_words(others)}' if others else ''}."
-        )
+        but = f", but not {' or '.join(others)}" if others else ""
+        return f"They vary what prefcal verify (V) varies{but}."
     and_more = f"; prefcal verify (V) also varies {join_words(others)}" if others else ""
     return f"They vary {join_words([*own, 'the seed of the noise'])}{and_more}."
 
