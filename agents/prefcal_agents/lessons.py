@@ -4,6 +4,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import chain, islice
 from typing import Any, Generic, TypeVar, final
 
 import numpy as np
@@ -247,6 +248,14 @@ def normalize(values: Float[np.ndarray, " N"], ceiling: float) -> Float[np.ndarr
 _LATEST = 16  # number of results in memory: those of the likely answers to a question and of an undo
 _STAGES = 40  # number of stages in memory, up to about a megabyte each
 _SELDOM = 10  # number of answers of a long step
+_UNDONE = 40  # number of the latest answers that an undo may go back over without learning all others anew
+
+
+def every_tenth(history: History) -> Iterator[History]:
+    """Yield the record before the last answers, as of every tenth: what follows after an undo begins there."""
+    last = history.answered - 1
+    return map(history.until, range(last // _SELDOM * _SELDOM, max(last - _UNDONE, 0), -_SELDOM))
+
 
 Known = TypeVar("Known")
 
@@ -349,11 +358,9 @@ class Stages(Generic[Known]):
         """
         count = history.answered
         recent = (history.until(k) for k in range(count, max(count - _SELDOM, 0), -1))
-        latest = next((past for past in recent if self._at_hand(past) is not None), None)
-        # Long steps begin at every tenth answer, and so does what follows after an undo.
-        for past in (latest, history.until((count - 1) // _SELDOM * _SELDOM)):
-            known = None if past is None or not past.answered else self._at_hand(past)
-            if past is not None and known is not None:
+        latest = islice((past for past in recent if self._at_hand(past) is not None), 1)
+        for past in chain(latest, every_tenth(history)):
+            if (known := self._at_hand(past)) is not None:
                 yield past.key, known
 
     def _at_hand(self, past: History) -> Known | None:

@@ -13,7 +13,7 @@ from prefcal_env.preferences.answer import Preference, Reading
 from prefcal_env.preferences.history import History, KPIValues
 
 from .lessons import Preferences
-from .surrogate import matern, predicted, squares
+from .surrogate import latest, matern, predicted, squares
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -785,15 +785,14 @@ def explains(history: History, given: Posterior) -> bool:
     lessons = history.lessons
     if len(lessons) < AFTER or not any(c.answer.preference for c in lessons):
         return True
-    # Those that marks make are no answers.
-    counting = np.flatnonzero(~given.lessons.tie[: len(lessons)])
-    # Each answer predicted from the others: the harmonic mean over draws given all answers. A few answers
-    # at a time: of a long study, all at once would be another 40 MB.
-    parts = np.array_split(counting, len(counting) // 64 + 1)
-    means = np.concatenate([logsumexp(-given.logs[:, part], axis=0) for part in parts])
+    # Of a long study, the process predicts the latest answers only: KPIs must not pay for all others.
+    preferences = Preferences.of(history)
+    counting, _ = latest(preferences)
+    # Each answer predicted from the others: the harmonic mean over draws given all answers.
+    means = logsumexp(-given.logs[:, counting], axis=0)
     by_kpis = float(np.sum(np.log(len(given.logs)) - means))
     # By 2 nats: a smaller difference may be chance. The process takes 3 % of the answers for mistakes.
-    return bool(predicted(Preferences.of(history), 0.03) <= by_kpis + 2.0)
+    return bool(predicted(preferences, 0.03) <= by_kpis + 2.0)
 
 
 # --- What KPIs may be on the plant, given what was measured, and a simulation if there is one.

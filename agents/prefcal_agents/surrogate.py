@@ -581,8 +581,18 @@ class PreferenceGP:
         return float(np.ptp(self(self.centers)))
 
 
+def latest(preferences: Preferences) -> tuple[Int[np.ndarray, " K"], Int[np.ndarray, " R"]]:
+    """Return the rows of the strict answers that a process learns from, and the samples that they compare."""
+    strict = np.flatnonzero(preferences.b)
+    first, second = preferences.first[strict], preferences.second[strict]
+    # Reversed, so that the first place of a sample is that of its latest comparison.
+    samples, at = np.unique(np.stack([first, second], 1).ravel()[::-1], return_index=True)
+    recent = np.sort(samples[np.argsort(at)[:100]])  # the fit takes the cube of their number
+    return strict[np.isin(first, recent) & np.isin(second, recent)], recent
+
+
 def predicted(preferences: Preferences, error_rate: float) -> float:
-    """Return how well a process over θ predicts each strict answer from the others.
+    """Return how well a process over θ predicts each of the `latest` strict answers from the others.
 
     Args:
         preferences: One strict answer or more.
@@ -611,12 +621,7 @@ class _StrictAnswers:
     @classmethod
     def of(cls, preferences: Preferences, error_rate: float) -> "_StrictAnswers":
         """Return the comparisons of the last samples, without ties."""
-        strict = np.flatnonzero(preferences.b)
-        first, second = preferences.first[strict], preferences.second[strict]
-        # Reversed, so that the first place of a sample is that of its latest comparison.
-        samples, at = np.unique(np.stack([first, second], 1).ravel()[::-1], return_index=True)
-        recent = np.sort(samples[np.argsort(at)[:100]])  # the fit takes the cube of their number
-        kept = strict[np.isin(first, recent) & np.isin(second, recent)]
+        kept, recent = latest(preferences)
         # What is learned are the values themselves, not weights of φ: each sample is its own feature.
         one_each = np.eye(len(preferences.samples))[:, recent]
         centers = preferences.samples[recent]

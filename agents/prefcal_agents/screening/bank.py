@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from prefcal_agents.agent import Agent, Settings, Start, one_thread
-from prefcal_agents.lessons import Remembered, Stages
+from prefcal_agents.lessons import Remembered, Stages, every_tenth
 from prefcal_agents.people import (
     DRAWS,
     Bank,
@@ -492,9 +492,9 @@ class Growth:
     def worth_keeping(self, history: History) -> dict[bytes, KeptStage]:
         """Return the stages at hand that later ones, and the draws of all records, follow from."""
         last = history.answered
-        recent = (history.until(count) for count in range(max(last - _RECALLED, 1), last + 1))
+        recent = map(history.until, range(max(last - _RECALLED, 1), last + 1))
         found = dict[bytes, KeptStage]()
-        for past in recent:
+        for past in (*every_tenth(history), *recent):
             if past in self.stage:
                 found[past.key] = KeptStage.of(self.stage(past))
             elif past.key in self._kept:  # nobody asked for it yet, but the next session may

@@ -82,6 +82,38 @@ def test_a_later_session_recalls_the_same_stages_and_goes_on_with_the_same_ones(
     assert anew[2:] == [*range(1, 18)]
 
 
+@pytest.fixture
+def longer():
+    """A record of 26 answers, the growth that has learned it, and what that keeps."""
+    grown = growth(100)
+    record = chain(grown, [1, -1] * 13)
+    grown.stage(record)
+    return record, grown, msgspec.msgpack.encode(grown.worth_keeping(record))
+
+
+def test_after_an_undo_of_many_answers_a_later_session_begins_at_the_latest_tenth_one(longer, anew):
+    record, grown, content = longer
+    for count, needed in ((27, []), (26, []), (22, []), (16, range(11, 17)), (10, [])):
+        anew.clear()
+        stage = recalling(content).stage(record.until(count))
+        assert anew == [*needed]
+        assert same(stage, grown.stage(record.until(count)))
+    # The draws of all records: the last ten answers have draws of their own.
+    for count, needed in ((27, []), (22, range(11, 17))):
+        anew.clear()
+        recalling(content).pool(record.until(count))
+        assert anew == [*needed]
+
+
+def test_what_an_undo_goes_back_to_outlasts_sessions_that_do_not_need_it(longer, anew):
+    record, _, content = longer
+    again = recalling(content)
+    again.stage(record)
+    third = recalling(msgspec.msgpack.encode(again.worth_keeping(record)))
+    third.stage(record.until(12))
+    assert anew == [11, 12]
+
+
 def test_what_was_learned_of_other_kpis_or_of_another_record_is_not_recalled(kept, anew):
     record, _, content = kept
 

@@ -1,12 +1,15 @@
 """Whether KPIs explain the answers, and when it is the turn of a proposal without them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from prefcal_agents.agent import one_thread
 from prefcal_agents.people import Lessons, Posterior, Scale, Utilities, explains
 from prefcal_agents.screening.agent import is_stalled
 from prefcal_env.preferences.history import History
-from support.simulated import in_chain, random_bank
+from support.simulated import bank_of, in_chain, random_bank
 
 BANK = random_bank(60)  # θ says nothing about these KPIs, nor they about θ
 SCALE = Scale.of(BANK, np.arange(len(BANK)))
@@ -39,6 +42,36 @@ def test_fewer_than_ten_answers_and_ties_alone_say_too_little():
     assert kpis_explain(answered(BY_THETA, 9))
     assert kpis_explain(in_chain(BANK, range(13), [0] * 12))
     assert kpis_explain(in_chain(BANK, range(13), [None] * 12))
+
+
+THETAS = bank_of(np.ones((401, 1))).thetas
+LARGE = bank_of(np.column_stack([0.1 + THETAS, 0.1 + np.random.default_rng(0).random(401)]))
+
+
+def explained(wanted, count):
+    """Whether KPIs explain `count` answers by the costs `wanted`, each row compared with the best before."""
+    best = [int(np.argmin(wanted[:row])) for row in range(1, count + 1)]
+    answers = np.sign(wanted[1 : count + 1] - wanted[best]).astype(int).tolist()
+    record, scale = in_chain(LARGE, range(count + 1), answers), Scale.of(LARGE, np.arange(401))
+    comparisons = [replace(c, incumbent=b) for c, b in zip(record.comparisons[1:], best, strict=True)]
+    record = replace(record, comparisons=(record.comparisons[0], *comparisons))
+    rng, lessons = np.random.default_rng(1), Lessons.of(LARGE, scale, record)
+    with one_thread():
+        given = Posterior.of(Utilities.draw(scale, 128, rng), lessons.first(0))
+        for known in range(50, count + 1, 50):
+            given = given.update(lessons.first(known), scale, rng)
+        return explains(record, given)
+
+
+@pytest.mark.parametrize("kpi", [0, 1])
+@pytest.mark.parametrize("count", [150, 400])
+def test_kpis_explain_a_long_study_of_someone_who_follows_one_without_error(count, kpi):
+    # θ says all there is to say of these two KPIs, but only of the latest hundred experiments.
+    assert explained(LARGE.kpis[:, kpi], count)
+
+
+def test_they_do_not_explain_a_long_study_of_someone_who_judges_by_theta():
+    assert not explained(np.sum((THETAS - [0.3, 0.8]) ** 2, axis=1), 400)
 
 
 def chain(answers):
