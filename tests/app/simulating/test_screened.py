@@ -293,7 +293,7 @@ def test_what_robustness_costs_is_said_of_a_result_that_holds(kept, costs, words
         beaten = list(robust(RobustResult(kept, costs, most=40), limited))
         assert beaten == [with_limits, "Another simulated θ does so in 40 of the same runs."]
     assert len(said) == (3 if kept == 300 else 2)
-    assert kept < 300 or "verify (V) varies sensors, actuators and task, too" in said[1]
+    assert kept < 300 or "verify varies sensors, actuators and task, too" in said[1]
     assert said[-1].startswith(words)
 
 
@@ -368,10 +368,12 @@ def test_a_robust_result_says_what_was_not_varied_in_the_words_of_a_verification
     factors = [factor.name for factor in scenario.source.varied().factors]
     said = list(robust(RobustResult(300, ()), scenario))[1]
     assert said.startswith(
-        "They vary all time constants, gain of u, dead time and the seed of the noise; prefcal verify (V) "
+        "They vary all time constants, gain of u, dead time and the seed of the noise; prefcal verify "
     )
     assert "lag of the actuators, backlash, sampling jitter" in said
     assert all(name in said for name in factors)
+    # Terminal, report and sheet, which have no keys, show the sentence, too.
+    assert "prefcal verify also varies" in said
 
 
 def test_where_answers_do_not_follow_from_the_kpis_it_says_no_number():
