@@ -127,8 +127,9 @@ class Scenario:
 
     @property
     def shown_kpis(self) -> tuple[KPI, ...]:
-        """Return the KPIs to show to people: all except the index, which no person chose."""
-        return tuple(k for k in self.kpis if not k.of and (self.cost is None or k.name != "index"))
+        """Return the KPIs that people see, limited ones first: all but the index, which no person chose."""
+        shown = [k for k in self.kpis if not k.of and (self.cost is None or k.name != "index")]
+        return tuple(sorted(shown, key=lambda kpi: kpi.met(0.0) is None))
 
 
 def finds_kpis(scenario: Scenario) -> bool:

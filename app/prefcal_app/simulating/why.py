@@ -270,9 +270,7 @@ def _perturbed(scenario: Scenario) -> str:
         return "They vary what prefcal verify varies." if breakable(scenario.kpis) else plant
     own, others = ([f.name for f in each] for each in robustly(factors, scenario.kpis))
     if breakable(scenario.kpis):
-        return (
-            f"They vary what prefcal verify varies{f', but not {join_words(others)}' if others else ''}."
-        )
+        return f"They vary what prefcal verify varies{f', but not {join_words(others)}' if others else ''}."
     and_more = f"; prefcal verify also varies {join_words(others)}" if others else ""
     return f"They vary {join_words([*own, 'the seed of the noise'])}{and_more}."
 
