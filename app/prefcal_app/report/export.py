@@ -107,7 +107,7 @@ def best_as_json(record: StudyRecord) -> str:
         **_keeping(record),
         "origin": record.origin,
         "experiments": len(record.trials),
-        "complete": not record.stopped,
+        "complete": not record.partial,
         "study": {**record.settings, **record.agent_settings},
         **({"another study": record.anew} if record.anew else {}),
         "versions": versions(),

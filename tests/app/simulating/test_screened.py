@@ -212,7 +212,7 @@ def test_why_a_study_is_over_does_not_contradict_what_is_said_of_its_result():
     assert why_over(ENOUGH, certified(CERTIFIED)) == ("fewer than 6 % of random θ are noticeably better")
     unsaid = certified(replace(CERTIFIED, share=None))
     assert why_over(ENOUGH) == why_over(ENOUGH, unsaid) == "few random θ are noticeably better"
-    assert why_over("stopped", certified(CERTIFIED)) == "stopped"
+    assert why_over("stopped", certified(CERTIFIED)) == "at your request"
 
 
 def test_from_the_second_answer_on_it_states_what_holds_for_people_unlike_the_draws():
