@@ -237,8 +237,8 @@ def test_from_the_second_answer_on_it_states_what_holds_for_people_unlike_the_dr
 def test_it_says_how_many_random_experiments_the_result_is_equal_to(experiments, words):
     said = replace(CERTIFIED, experiments=experiments)
     assert promise(certified(said)).endswith(
-        "(with 95 % probability). That bound is for each kind of person; for people of all kinds together, "
-        f"the best so far is as good as the best of {words}"
+        "(with 95 % probability). That bound is a careful one: it is for the hardest kind of person, too. "
+        f"Over all kinds together, the best so far is as good as the best of {words}"
     )
     assert "random experiments" not in promise(certified(replace(said, share=1.0)))
     better_is_known = promise(certified(replace(said, chance=0.94), simulated=9))
