@@ -461,6 +461,6 @@ def _as_good_as(said: Certificate) -> str:
     about = middle if middle.startswith("more") else f"about {middle}"
     between = "" if low == high else f" (90 %: {low} to {high})"  # they are all that were simulated
     return (
-        " That bound is a careful one: it is for the hardest kind of person, too. Over all kinds together, the "
-        f"best so far is as good as the best of {about} random experiments{between}."
+        " That bound is a careful one: it is for the hardest kind of person, too. Over all kinds together, "
+        f"the best so far is as good as the best of {about} random experiments{between}."
     )
