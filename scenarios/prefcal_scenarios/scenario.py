@@ -75,6 +75,7 @@ class Scenario:
             data, as read by `--config`.
         simulated: Whether `prefcal calibrate` simulates many experiments unseen; they must be
             quick simulations.
+        assumed: What nobody stated and the controller has, a sentence each, such as limits of an input.
         pictures: Function that returns the scenario's own figures, shown above the report's
             standard ones. It is a function so that plotting is imported only for reports.
 
@@ -103,6 +104,7 @@ class Scenario:
     configured: "Callable[[Mapping[str, Any]], Scenario] | None" = None
     brief: str = ""
     simulated: bool = False
+    assumed: tuple[str, ...] = ()
     source: Source = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
