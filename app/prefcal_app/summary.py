@@ -63,11 +63,12 @@ class Spread:
 
 
 def compare(
-    left: Experiment, right: Experiment, known: Sequence[KPI], spread: Spread
+    left: Experiment, right: Experiment, known: Sequence[KPI], spread: Spread, named: Sequence[str] = ()
 ) -> list[dict[str, Any]]:
-    """Return a row for each KPI that either side has, what tells them apart first in each group.
+    """Return a row for each KPI that either side has, in the order in which every screen shows them.
 
-    That is an objective that only one side misses, then the largest difference. `size` is the
+    In each group the KPIs come first whose titles are `named` in the sentence above, then what tells the
+    sides apart: an objective that only one side misses, then the largest difference. `size` is the
     difference as a share of what is usual in this study (`Spread`), at most 1;
     values that read the same do not differ. `change` is the same, but at most the difference
     as a share of the larger value. `better` is the better side by the KPI's goal, or None
@@ -78,8 +79,16 @@ def compare(
     order = list(dict.fromkeys(group for group, _ in kpis))
     pairs = _pairs([kpi for _, kpi in kpis], left, right)
     rows = [(group, _size(pair, spread), pair) for (group, _), pair in zip(kpis, pairs, strict=True)]
-    # Stable: more important KPIs first among equals.
-    rows.sort(key=lambda row: (order.index(row[0]), {*row[2].met} != {True, False}, -row[1]))
+    # Stable: among equals, the first of the KPIs.
+    places = {title: k for k, title in enumerate(named)}
+    rows.sort(
+        key=lambda row: (
+            order.index(row[0]),
+            places.get(row[2].kpi.title, len(places)),
+            {*row[2].met} != {True, False},
+            -row[1],
+        )
+    )
     return [{"group": group, **_row(pair, size)} for group, size, pair in rows]
 
 

@@ -439,6 +439,7 @@ class Ensemble:
     record: str  # name of the record
     told: str  # what it leaves open, for people
     noise: float = 0.0  # standard deviation of the noise in its output
+    guessed: bool = False  # whether nobody stated the limits of its input
 
 
 class LinearPlant:

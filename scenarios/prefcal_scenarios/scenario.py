@@ -75,6 +75,7 @@ class Scenario:
             data, as read by `--config`.
         simulated: Whether `prefcal calibrate` simulates many experiments unseen; they must be
             quick simulations.
+        assumed: What nobody stated and the controller has, a sentence each, such as limits of an input.
         pictures: Function that returns the scenario's own figures, shown above the report's
             standard ones. It is a function so that plotting is imported only for reports.
 
@@ -103,6 +104,7 @@ class Scenario:
     configured: "Callable[[Mapping[str, Any]], Scenario] | None" = None
     brief: str = ""
     simulated: bool = False
+    assumed: tuple[str, ...] = ()
     source: Source = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -127,8 +129,9 @@ class Scenario:
 
     @property
     def shown_kpis(self) -> tuple[KPI, ...]:
-        """Return the KPIs to show to people: all except the index, which no person chose."""
-        return tuple(k for k in self.kpis if not k.of and (self.cost is None or k.name != "index"))
+        """Return the KPIs that people see, limited ones first: all but the index, which no person chose."""
+        shown = [k for k in self.kpis if not k.of and (self.cost is None or k.name != "index")]
+        return tuple(sorted(shown, key=lambda kpi: kpi.met(0.0) is None))
 
 
 def finds_kpis(scenario: Scenario) -> bool:

@@ -583,7 +583,7 @@ def _unattended(work: Calibration, ctrl_c: Interruption) -> int:
         return RUN_FAILED
     if failure is not None:
         raise failure
-    if ctrl_c.pressed and not record.stopped:
+    if ctrl_c.pressed and not record.partial:
         work.say("Interrupted after the study was finished: the report is complete.")
     return INTERRUPTED if ctrl_c.pressed else 0
 

@@ -34,7 +34,7 @@ def run(options: IdentifyOptions) -> int:
     console = Console(emoji=False)
     say(console, f"{test.output.name} by {test.input.name}, {len(test.t)} rows; {test.said}", made.reason)
     console.print(_numbers(found))
-    for line in (*_conditions(found, made, guessed=limits is None), *made.notes):
+    for line in (*_conditions(found, made), *made.notes):
         say(console, line)
     kept = _keep(found, path)
     put(target, picture(test, made))
@@ -79,13 +79,13 @@ def _numbers(found: Found) -> Table:
     return table
 
 
-def _conditions(found: Found, made: Identified, *, guessed: bool) -> tuple[str, ...]:
-    """Return what the model holds for, a sentence each; `guessed` if nobody stated limits of the input."""
+def _conditions(found: Found, made: Identified) -> tuple[str, ...]:
+    """Return what the model holds for, a sentence each."""
     (u, y), (of_u, of_y), (low, high) = found.start, found.units, found.limits
     start = f"{found.output} = {_quantity(y, of_y)} and {found.input} = {_quantity(u, of_u)}"
     # Limits go to the plant with the controller: people must know which ones nobody stated.
     assumed = ", which is assumed, twice as far as the record moves it: state --limits"
-    by = assumed if guessed and (low, high) != (0, 100) else " (--limits)"
+    by = assumed if found.guessed else " (--limits)"
     return (
         f"Each interval is over those of {len(found.models)} models, which explain the record about as well, "
         "that have the number.",

@@ -96,6 +96,7 @@ def best_as_json(record: StudyRecord) -> str:
         "theta": scenario.space.named(theta),
         "units": {k.name: k.unit for k in scenario.space},
         "channels": _channels(best.experiment.channels),
+        **({"assumed": list(scenario.assumed)} if scenario.assumed else {}),
         "ranges": {k.name: [k.low, k.high] for k in scenario.space},
         "settings": {} if scenario.settings is None else scenario.settings(theta),
         "cost": best.cost,
@@ -107,7 +108,7 @@ def best_as_json(record: StudyRecord) -> str:
         **_keeping(record),
         "origin": record.origin,
         "experiments": len(record.trials),
-        "complete": not record.stopped,
+        "complete": not record.partial,
         "study": {**record.settings, **record.agent_settings},
         **({"another study": record.anew} if record.anew else {}),
         "versions": versions(),
@@ -264,13 +265,13 @@ def verified_beside(best: Path) -> Verified | str:
 
 
 def holds(best: Path) -> str:
-    """Return whether a tuning holds, by the verification beside its best.json, in a line."""
-    said = verified_beside(best)
+    """Return whether a tuning holds, by the verification beside its best.json, and what is assumed."""
+    said, assumed = verified_beside(best), "".join(f" {each}" for each in _read(best)[0].get("assumed", []))
     if isinstance(said, str):
-        return f"{NOT_VERIFIED} {said}.".removesuffix(" .")
+        return f"{NOT_VERIFIED} {said}.".removesuffix(" .") + assumed
     first, *more = said.headline.removesuffix(".").split(". ")
     changed = f". {more[0]}" if ":" not in first and more else ""  # first, that the files are others now
-    return f"{first}{changed}.{said.verdict.removeprefix(said.headline)}"
+    return f"{first}{changed}.{said.verdict.removeprefix(said.headline)}{assumed}"
 
 
 def _about(content: Mapping[str, Any], channels: Channels, digest: str, held: str) -> str:
@@ -455,6 +456,7 @@ def jsonable(value: Any) -> Any:
 _KINDS = {
     "scenario": str,
     **dict.fromkeys(("units", "ranges", "kpis", "before", "origin", "study", "keeping"), dict),
+    "assumed": list,
 }
 """Type of what is read of a best.json, where it is there."""
 
@@ -475,7 +477,7 @@ def _read(path: Path) -> tuple[dict[str, Any], str]:
         )
     for name, kind in _KINDS.items():
         if not isinstance(content.get(name, kind()), kind):
-            what = "text" if kind is str else "a table"
+            what = {str: "text", list: "a list"}.get(kind, "a table")
             raise ScenarioError(f"{name!r} in {str(path)!r} must be {what}, got {content[name]!r:.80}")
     return dict(content), sha256(read).hexdigest()
 
@@ -530,6 +532,7 @@ def model(record: StudyRecord) -> str:
         said += [equations(plant)]
     elif plant is not None:
         said += [f"Equations in code, states: {', '.join(state.name for state in plant.states)}"]
+    said += [each.removesuffix(".") for each in record.scenario.assumed]
     if is_built_in(record.source):
         name = split_source(record.source)[0]
         said += [f"Built in, documented in docs/{_PAGES[name] if name in CASES else 'loops.md'}"]

@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_app.session.study import ENOUGH, GOOD_ENOUGH
+from prefcal_app.session.study import ENOUGH
 from prefcal_app.summary import VERDICTS as VERDICTS
 from prefcal_app.summary import Outlook, Spread
 from prefcal_app.view.end import FIRST, gain_view, gained, pid_rows
@@ -426,8 +426,8 @@ class StudyRecord:
 
     @property
     def partial(self) -> bool:
-        """Return whether the study was left before anyone said that the best is good enough."""
-        return self.stopped and self.ended != GOOD_ENOUGH
+        """Return whether the study was left before its end, which nobody and nothing ended."""
+        return self.is_shorter and not self.ended
 
     @property
     def reached(self) -> str:

@@ -20,7 +20,7 @@ from markupsafe import Markup
 
 from prefcal_app.session.study import why_over
 from prefcal_app.summary import kept_text
-from prefcal_app.view.end import FIRST, can_go_back, first_rows, pid_table
+from prefcal_app.view.end import FIRST, can_go_back, count_first, pid_table
 from prefcal_app.view.question import cell, column, row, table, theta_view
 from prefcal_env.controllers.forms import ALL, PARALLEL
 from prefcal_env.controllers.margins import Margins
@@ -709,9 +709,7 @@ def sheet_of(record: StudyRecord) -> dict[str, Any]:
     before, after = record.before, record.result
     gains = gain_rows(record)
     knobs, kpis = list(_knobs(record)), [_row(*(kpi[name] for name in _KPI)) for kpi in gains]
-    # What decided comes first, as on the page, and with limits goes last.
-    decided = [kpis[k] for k in first_rows(gains)]
-    kpis = [*decided, *(each for each in kpis if each not in decided)]
+    decided = kpis[: count_first(gains)]  # what is left out last, with limits
     kept = limits_kept(before.experiment, after.experiment, resting(record.scenario))
     limits = list(kept)[:_LIMITS]
     limits.append(_row("run ended", "", before.experiment.end.value, after.experiment.end.value))

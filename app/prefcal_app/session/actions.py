@@ -38,6 +38,7 @@ from prefcal_scenarios.scenario import check_experiment
 
 from .driver import Driver, Latest
 from .study import (
+    FINISHED,
     GOOD_ENOUGH,
     MARKS,
     QUESTIONS,
@@ -622,7 +623,7 @@ class Finish(Action, frozen=True):
     def _take(self, driver: Driver) -> None:
         best, marks = driver.study.best, driver.state.marks
         good = best is not None and GOOD_ENOUGH in marks.get(best, frozenset())
-        driver.append(events.Ended(GOOD_ENOUGH if good else "stopped"))
+        driver.append(events.Ended(GOOD_ENOUGH if good else FINISHED))
         driver.proceed()
 
 

@@ -233,6 +233,7 @@ class Now:
 
 PERSON = "human"  # who answers, in the configuration of a study
 ALL_COMPARED = "all compared"  # why a study ends after its last question
+FINISHED = "stopped"  # why it ends if the person who answers finishes it
 _SIDES, _REPEATS, _TRIALS = 11, 12, 13  # streams of the study's seed; agents use other ones
 
 
@@ -242,7 +243,7 @@ def why_over(ended: str, found: Findings | None = None) -> str:
     Little is left to find among θ drawn at random; one that was simulated may still be better.
     """
     if ended != ENOUGH:
-        return ended
+        return "at your request" if ended == FINISHED else ended
     said = None if found is None else found.certificate
     if said is None or said.share is None:
         return "few random θ are noticeably better"

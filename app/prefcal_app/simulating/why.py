@@ -276,13 +276,13 @@ def _perturbed(scenario: Scenario) -> str:
         factors = scenario.source.elsewhere.here.varied().factors
     except ScenarioError:  # its files may have changed since
         more = join_words(list(BEYOND.values()))
-        plant = f"They vary the plant and the seed of its noise; prefcal verify (V) varies {more}, too."
-        return "They vary what prefcal verify (V) varies." if breakable(scenario.kpis) else plant
+        plant = f"They vary the plant and the seed of its noise; prefcal verify varies {more}, too."
+        return "They vary what prefcal verify varies." if breakable(scenario.kpis) else plant
     own, others = ([f.name for f in each] for each in robustly(factors, scenario.kpis))
     if breakable(scenario.kpis):
         but = f", but not {' or '.join(others)}" if others else ""
-        return f"They vary what prefcal verify (V) varies{but}."
-    and_more = f"; prefcal verify (V) also varies {join_words(others)}" if others else ""
+        return f"They vary what prefcal verify varies{but}."
+    and_more = f"; prefcal verify also varies {join_words(others)}" if others else ""
     return f"They vary {join_words([*own, 'the seed of the noise'])}{and_more}."
 
 
@@ -383,11 +383,12 @@ def wanted(wishes: Mapping[str, float], scenario: Scenario, index: LearnedCost |
     `index` is the sum of KPIs whose predictions stand beside it, None if there is none.
     """
     if wishes and index is None:
-        return "The answers are too few to say which KPIs were wanted better."
+        return "The answers are too few to say which KPIs decided them."
     if wishes and index is not None and not index.explains:
         return (
-            "Which KPIs were wanted better is not said: too few answers are predicted from them "
-            f"({index.predicted} of {index.answers})."
+            "Which KPIs decided the answers is not said: of the "
+            f"{index.answers} that prefer a side, {index.predicted} could be predicted from the KPIs and the "
+            "other answers, and guessing may do as well."
         )
     named = _namer(scenario)
     words = join_words([f"{named(name, True)} ({percent(certainty)})" for name, certainty in wishes.items()])
@@ -490,6 +491,6 @@ def _as_good_as(said: Certificate) -> str:
     about = middle if middle.startswith("more") else f"about {middle}"
     between = "" if low == high else f" (90 %: {low} to {high})"  # they are all that were simulated
     return (
-        " That bound is for each kind of person; for people of all kinds together, the best so far is as "
-        f"good as the best of {about} random experiments{between}."
+        " That bound is a careful one: it is for the hardest kind of person, too. Over all kinds together, "
+        f"the best so far is as good as the best of {about} random experiments{between}."
     )

@@ -121,7 +121,7 @@ KEYS = (
     ("b", "blind: hide θ and which experiment is the best so far"),
     ("h", "history"),
     ("w", "where are we"),
-    ("t", "all KPIs of both sides, largest difference first, once more"),
+    ("t", "all KPIs of both sides, once more"),
     ("p", "ask me an earlier question again"),
     ("f, f", "finish the study"),
     ("x", "stop for now, and say how to go on"),

@@ -441,22 +441,25 @@ def gain_view(
         for row in rows
     ]
     heads = ("", f"{baseline} (1)", f"best ({best + 1})", "change", "")
-    caption = "Largest change first. ✓ meets the objective, ✗ does not."
+    caption = "What gained most first, then what that cost. ✓ meets the objective, ✗ does not."
     return {
         "title": f"What was gained over the {baseline}",
         "none": f"No experiment was better than the {baseline}: experiment {best + 1} is still the best.",
         "same": best == 0,
         "table": question.table("What was gained", heads, lines, caption),
-        "first": first_rows(rows),
+        "first": count_first(rows),
         "before": before if best and can_go_back(baseline) else [],
         "back": f"To go back, set the values of the {baseline}; best.json has them, too.",
     }
 
 
-def first_rows(rows: Sequence[Mapping[str, Any]]) -> list[int]:
-    """Return the rows that are shown before all others: the largest gains, and all that they cost."""
-    better, worse = ([k for k, row in enumerate(rows) if row["verdict"] == v] for v in ("better", "worse"))
-    return [*better[:3], *worse] or list(range(len(rows)))[:3]
+_GAINS = 3  # largest gains that are shown before what they cost
+
+
+def count_first(rows: Sequence[Mapping[str, Any]]) -> int:
+    """Return how many rows of `gained` are shown before all others: the largest gains, and all they cost."""
+    verdicts = [row["verdict"] for row in rows]
+    return min(verdicts.count("better"), _GAINS) + verdicts.count("worse") or min(len(rows), _GAINS)
 
 
 def runs_held(found: Findings | None) -> tuple[int, int] | None:
@@ -472,15 +475,16 @@ def gained(
     spread: Spread,
     held: tuple[int, int] | None = None,
 ) -> list[dict[str, Any]]:
-    """Return a row for each KPI before and after, largest change first, unmeasured ones last.
+    """Return a row for each KPI before and after: the largest gains, all that they cost, then the others.
 
-    An objective that is met only before or only after comes before all others. Otherwise a change
+    Among each, an objective that is met only before or only after comes first. Otherwise a change
     is large if it is so in the study and beside the value itself: people know by how many percent
-    a KPI changed, and not what is usual.
+    a KPI changed, and not what is usual. Unmeasured KPIs come last.
 
     The only comparison of the result with what was before: page, terminal, report and acceptance
-    sheet show these rows. `change` is empty if a value is missing or infinite, or both meet their
-    target alike; `verdict` is "better", "worse", or empty for a slight change and without a goal.
+    sheet show these rows in this order. `change` is empty if a value is missing or infinite, or both
+    meet their target alike; `verdict` is "better", "worse", or empty without a goal and for a slight
+    change, unless that decides whether the objective is met.
 
     Args:
         before: Experiment of the baseline.
@@ -492,6 +496,8 @@ def gained(
     rows = [row for row in compare(before, after, kpis, spread) if row["group"] in ("", WORST)]
     rows.sort(key=lambda row: (row["left"]["met"] == row["right"]["met"], -row["change"]))
     found = [_row(row) for row in rows]
+    better, worse, alike = ([row for row in found if row["verdict"] == v] for v in ("better", "worse", ""))
+    found = [*better[:_GAINS], *worse, *better[_GAINS:], *alike]
     missing = [kpi for kpi in kpis if not {kpi.name} & {*before.kpis, *after.kpis}]
     first = [] if held is None else [_held_row(*held)]
     return [*first, *found, *map(_row, unmeasured(before, after, missing))]
@@ -522,7 +528,7 @@ def _row(row: dict[str, Any]) -> dict[str, Any]:
         "after": after["text"],
         "met": after["met"],
         "change": row["difference"] or same,
-        "verdict": verdicts[row["better"]] if row["size"] >= _SLIGHT else "",
+        "verdict": verdicts[row["better"]] if row["size"] >= _SLIGHT or before["met"] != after["met"] else "",
     }
 
 

@@ -1,6 +1,6 @@
 """A question as plain data: its two sides, their panels and maneuvers, and previews."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import pairwise
@@ -547,8 +547,8 @@ def pair_view(
     """Return two experiments beside each other: their KPIs, and the curves of each maneuver.
 
     `comparison` has a row for each KPI that either side has, see `compare`; `headline` has their
-    titles in the order in which the head of each side shows them, and how many; `others` are the
-    maneuvers after the first one. Without maneuvers there is one part, whose name is empty.
+    titles in the same order, of which the head of each side shows `heads`; `others` are the maneuvers
+    after the first one. Without maneuvers there is one part, whose name is empty.
     A run that failed without a record, or that ran before a maneuver was added, has no curves in
     the maneuvers that it lacks.
     """
@@ -558,27 +558,13 @@ def pair_view(
     )
     first["left"] |= numbers_view(left, kpis, right)
     first["right"] |= numbers_view(right, kpis, left)
-    rows = compare(left, right, kpis, seen.spread)
+    rows = compare(left, right, kpis, seen.spread, named)
     shown = {each["title"] for each in rows}.intersection(named)
-    heads = {"headline": headline(rows, named), "heads": max(_HEADS, len(shown))}
+    heads = {
+        "headline": list(dict.fromkeys(each["title"] for each in rows)),
+        "heads": max(_HEADS, len(shown)),
+    }
     return {"comparison": rows, **heads, **first, "others": others}
-
-
-def headline(rows: Sequence[Mapping[str, Any]], named: Sequence[str] = ()) -> list[str]:
-    """Return the titles of KPIs in the order in which the head of each side shows them.
-
-    First those that the sentence above names, then those that tell the sides apart best, as `compare`
-    sorts them, then the others, those with an objective before the rest.
-    """
-    largest, aims = dict[str, float](), dict[str, str]()
-    for each in rows:
-        largest[each["title"]] = max(each["size"], largest.get(each["title"], 0.0))
-        aims[each["title"]] = each["objective"]
-    told = [title for title in named if title in largest]
-    return told + sorted(
-        (title for title in largest if title not in told),
-        key=lambda title: (not largest[title], not largest[title] and not aims[title]),
-    )
 
 
 def _maneuver_view(
@@ -620,12 +606,11 @@ def side_view(side: Side, other: Experiment, scenario: Scenario, *, blind: bool)
 def numbers_view(
     experiment: Experiment, kpis: Sequence[KPI], beside: Experiment | None = None
 ) -> dict[str, Any]:
-    """Return how an experiment ended, and those of `kpis` that it has, limited ones first.
+    """Return how an experiment ended, and those of `kpis` that it has.
 
     With `beside`, values have the digits that compare the two.
     """
     rows = measured_rows([kpi for kpi in kpis if kpi.name in experiment.kpis], experiment, beside)
-    rows.sort(key=lambda row: not row["objective"])
     return {
         "ended": ended_text(experiment),
         "interrupted": experiment.end.interrupted,

@@ -126,6 +126,7 @@ class Found:
     noise: float = 0.0  # standard deviation of what the best model leaves of the output
     notes: tuple[str, ...] = ()  # what to know of the record, in sentences
     moved: float = 0.0  # largest move of the input away from its start; 0 if it is not known
+    guessed: bool = False  # whether nobody stated the limits, and they are none of a percentage
 
     @classmethod
     def of(cls, path: Path, test: StepTest, found: Identified, limits: tuple[float, float] | None) -> "Found":
@@ -144,6 +145,7 @@ class Found:
             units=(test.input.unit, test.output.unit),
             start=(u, float(test.y[: max(first, 1)].mean())),
             limits=_limits(test.input, test.u, limits),
+            guessed=limits is None and not _is_percentage(test.input, test.u),
             best=found.best,
             models=found.models,
             noise=found.noise,
@@ -208,7 +210,7 @@ class Found:
             name=f"{names} ({about})",
             time_unit=self.time_unit,
         )
-        return plant.among(Ensemble(systems, self.best, self.record, self.told, self.noise))
+        return plant.among(Ensemble(systems, self.best, self.record, self.told, self.noise, self.guessed))
 
     @property
     def _reference(self) -> float | None:
@@ -228,6 +230,10 @@ def ends(low: float, high: float) -> tuple[str, str]:
     return texts
 
 
+def _is_percentage(c: Channel, u: Float[np.ndarray, " K"]) -> bool:
+    return bool(c.unit == "%" and u.min() >= 0 and u.max() <= 100)
+
+
 def _limits(
     c: Channel, u: Float[np.ndarray, " K"], limits: tuple[float, float] | None
 ) -> tuple[float, float]:
@@ -236,7 +242,7 @@ def _limits(
     Unless that is given, it is 0 and 100 if it is in %, or else twice as far away as the record moves it.
     """
     start, moved = float(u[0]), float(np.abs(u - u[0]).max())
-    if limits is None and not (c.unit == "%" and u.min() >= 0 and u.max() <= 100):
+    if limits is None and not _is_percentage(c, u):
         return start - 2 * moved, start + 2 * moved
     low, high = limits or (0.0, 100.0)
     if u.min() < low or u.max() > high:

@@ -1,6 +1,6 @@
 """The scenario of a plant whose references step one after the other, then loads act, and its KPIs."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, replace
@@ -25,7 +25,7 @@ from prefcal_env.plants.systems import LinearPlant
 from prefcal_env.units import conversion
 from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.scenario import KPI, Scenario
-from prefcal_scenarios.wording import quantity
+from prefcal_scenarios.wording import number, quantity
 
 from .design import Design, Single
 
@@ -311,7 +311,7 @@ def scenario_of_steps(plant: Plant, found: Design, laws: Laws, space: KnobSpace,
     for loop in found.loops:
         inputs[loop.input] = loop.channel
     loaded = Disturbed(plant, on_inputs=range(len(inputs)), inputs=tuple(inputs))
-    env = PlantEnv(loaded, _task(plant, found))
+    env, assumed = PlantEnv(loaded, _task(plant, found)), tuple(_assumed_limits(plant, inputs))
     measure = Measure.of(found, laws, env)
     return Scenario(
         space=space,
@@ -321,7 +321,8 @@ def scenario_of_steps(plant: Plant, found: Design, laws: Laws, space: KnobSpace,
         controller=laws.make,
         settings=partial(_data, laws),
         simulated=True,
-        **(said | {"brief": said["brief"] or _brief(plant, found)}),
+        assumed=assumed,
+        **(said | {"brief": said["brief"] or _brief(plant, found, assumed)}),
     )
 
 
@@ -436,7 +437,16 @@ def _panels(plant: Plant, found: Design) -> tuple[Panel, ...]:
     return (*panels, *(Panel(loop.channel.name, kind="u") for loop in found.loops))
 
 
-def _brief(plant: Plant, design: Design) -> str:
+def _assumed_limits(plant: Plant, inputs: Sequence[Channel]) -> Iterator[str]:
+    """Yield the limits of the inputs of a loop that nobody stated of its plant, a sentence each."""
+    guessed = (sample := sample_of(plant)) is not None and sample.guessed
+    for own, c in zip(plant.inputs, inputs, strict=True):
+        if guessed or (own.low, own.high) != (c.low, c.high):
+            limits = f"{number(c.low)} to {quantity(c.high, c.unit)}"
+            yield f"Nobody stated limits of {c.name}; {limits} is assumed."
+
+
+def _brief(plant: Plant, design: Design, assumed: Sequence[str]) -> str:
     """Return the brief: steps, loads, what was assumed, and what to judge by."""
     time, phase, said = plant.time_unit, design.phase, list[str]()
     for k, loop in enumerate(design.loops):
@@ -448,11 +458,9 @@ def _brief(plant: Plant, design: Design) -> str:
     behind = " The dead time of the input does not delay it." if any(delays_of(plant)[0]) else ""
     said.append(f"From {len(design.loops) * phase:.4g} {time} on, a load acts: {acting}.{behind}")
     said.append(f"The controller moves every {design.T_s:g} {time}.")
+    said += assumed
     for loop in design.loops:
-        c, own = loop.channel, plant.inputs[loop.input]
-        if (own.low, own.high) != (c.low, c.high):
-            limits = f"{c.low:g} to {c.high:g} {c.unit}".rstrip()
-            said.append(f"The plant does not limit {c.name}; {limits} is assumed.")
+        c = loop.channel
         if loop.way:
             absolute = getattr(plant, "rest", None) is not None
             said.append(

@@ -43,6 +43,13 @@ def test_structured_text_goes_to_a_file_or_is_printed(prefcal, best, tmp_path):
     assert (tmp_path / "heater.st").read_text() == out
     assert f"...\n   {held}\n   PID, to be called" in out  # a line of the first comment
     assert prefcal("export", best, "--to", "forms")[1].startswith(f"{held}\n")
+    content = json.loads((tmp_path / best).read_text())
+    assumed = "Nobody stated limits of valve; 20 to 60 % is assumed."
+    (tmp_path / best).write_text(json.dumps(content | {"assumed": [assumed]}))
+    for to in ("st", "c", "forms"):
+        assert f"{held} {assumed}\n" in prefcal("export", best, "--to", to)[1]
+    (tmp_path / best).write_text(json.dumps(content | {"assumed": {}}))
+    assert "'assumed' in 'best.json' must be a list" in prefcal("export", best, "--to", "c")[2]
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ def test_a_robust_study_says_how_its_result_holds_and_what_that_costs(done, pref
     kept = "The result holds: all 300 runs with varied plants (not sensors, actuators or task) end safely"
     assert f"{kept} and reach what the nominal run" in said
     assert "(no limit is stated). They vary time constant of temperature, time" in said
-    assert "and the seed of the noise; prefcal verify (V) also varies" in said
+    assert "and the seed of the noise; prefcal verify also varies" in said
     assert "direction. Robustness costs" in said
     sheet = " ".join(Path("out", "acceptance.html").read_text("utf-8").split())
     assert f"<dt>Robust study</dt><dd>{kept}" in sheet

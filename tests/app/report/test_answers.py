@@ -1,5 +1,6 @@
 """The acceptance sheet answers what is asked of a tuning, or says "not verified"."""
 
+import json
 import re
 from dataclasses import replace
 from html import unescape
@@ -79,20 +80,31 @@ def test_a_partial_report_says_that_an_experiment_waits_for_its_answer():
     assert "The study was stopped after 7 of 8 experiments." in page(left, [])
 
 
-def test_a_study_that_ends_by_itself_or_by_a_good_best_is_no_partial_one():
+def test_a_study_that_ended_is_no_partial_one():
     left = toy_record(stop_after=4)
     assert "the study is not complete" in dict(answers(left))["Who answered"]
     assert "Partial report" in page(left, [])
     for ended, words in (
         ("little is left to gain", "few random θ are noticeably better"),
         ("good enough", "the best is good enough"),
+        ("all compared", "all compared"),
     ):
         record = replace(left, ended=ended)
         assert "complete" not in dict(answers(record))["Who answered"]
         said = page(record, [])
         assert "Partial report" not in said
         assert f"Ended after 4 of at most 8 experiments: {words}." in said
-    assert replace(left, ended="stopped").partial
+
+
+def test_a_study_that_the_person_finished_is_not_partial():
+    finished = replace(toy_record(stop_after=4), ended="stopped")
+    said = page(finished, [])
+    assert "Partial report" not in said
+    assert "The person who answered finished the study after 4 of 8 experiments.</p>" in said
+    told = dict(answers(finished))
+    assert "complete" not in told["Who answered"]
+    assert "left before its end" not in told["Left to gain"]
+    assert json.loads(best_as_json(finished))["complete"]
 
 
 def test_what_nobody_looked_at_is_not_verified():

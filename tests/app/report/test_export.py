@@ -13,6 +13,7 @@ from prefcal_app.report.export import (
     best_as_json,
     equations,
     export_controller,
+    holds,
     jsonable,
     load_controller,
     model,
@@ -43,6 +44,18 @@ def changed(path, **changes):
     content.pop("written as", None)
     path.write_text(json.dumps(content), encoding="utf-8")
     return path
+
+
+def test_limits_that_nobody_stated_are_named_as_assumed_in_best_json_sheet_and_export(tmp_path):
+    assumed = "Nobody stated limits of valve; 20 to 60 % is assumed."
+    record = toy_record()
+    record = replace(record, scenario=replace(record.scenario, assumed=(assumed,)))
+    path = tmp_path / "best.json"
+    path.write_text(best_as_json(record), encoding="utf-8")
+    assert json.loads(path.read_text("utf-8"))["assumed"] == [assumed]
+    assert assumed in model(record)
+    assert holds(path).endswith(f"run prefcal verify best.json. {assumed}")
+    assert "assumed" not in best_as_json(toy_record())
 
 
 def test_best_json_says_all_about_the_tuned_controller(best):

@@ -212,7 +212,7 @@ def test_why_a_study_is_over_does_not_contradict_what_is_said_of_its_result():
     assert why_over(ENOUGH, certified(CERTIFIED)) == ("fewer than 6 % of random θ are noticeably better")
     unsaid = certified(replace(CERTIFIED, share=None))
     assert why_over(ENOUGH) == why_over(ENOUGH, unsaid) == "few random θ are noticeably better"
-    assert why_over("stopped", certified(CERTIFIED)) == "stopped"
+    assert why_over("stopped", certified(CERTIFIED)) == "at your request"
 
 
 def test_from_the_second_answer_on_it_states_what_holds_for_people_unlike_the_draws():
@@ -237,8 +237,8 @@ def test_from_the_second_answer_on_it_states_what_holds_for_people_unlike_the_dr
 def test_it_says_how_many_random_experiments_the_result_is_equal_to(experiments, words):
     said = replace(CERTIFIED, experiments=experiments)
     assert promise(certified(said)).endswith(
-        "(with 95 % probability). That bound is for each kind of person; for people of all kinds together, "
-        f"the best so far is as good as the best of {words}"
+        "(with 95 % probability). That bound is a careful one: it is for the hardest kind of person, too. "
+        f"Over all kinds together, the best so far is as good as the best of {words}"
     )
     assert "random experiments" not in promise(certified(replace(said, share=1.0)))
     better_is_known = promise(certified(replace(said, chance=0.94), simulated=9))
@@ -303,7 +303,7 @@ def test_what_robustness_costs_is_said_of_a_result_that_holds(kept, costs, words
             "A study with --start K=0.25 compares it.",
         ]
     assert len(said) == (3 if kept == 300 else 2)
-    assert kept < 300 or "verify (V) varies sensors, actuators and task, too" in said[1]
+    assert kept < 300 or "verify varies sensors, actuators and task, too" in said[1]
     assert said[-1].startswith(words)
 
 
@@ -401,10 +401,12 @@ def test_a_robust_result_says_what_was_not_varied_in_the_words_of_a_verification
     factors = [factor.name for factor in scenario.source.varied().factors]
     said = list(robust(RobustResult(300, ()), scenario))[1]
     assert said.startswith(
-        "They vary all time constants, gain of u, dead time and the seed of the noise; prefcal verify (V) "
+        "They vary all time constants, gain of u, dead time and the seed of the noise; prefcal verify "
     )
     assert "lag of the actuators, backlash, sampling jitter" in said
     assert all(name in said for name in factors)
+    # Terminal, report and sheet, which have no keys, show the sentence, too.
+    assert "prefcal verify also varies" in said
 
 
 def test_where_answers_do_not_follow_from_the_kpis_it_says_no_number():

@@ -172,6 +172,7 @@ def test_what_was_wanted_is_said_with_its_certainty_and_without_a_limit(wishes, 
     poor = replace(index, predicted=3, answers=4)
     assert trust_text(poor).startswith("A weighted sum of the KPIs predicted 3 of 4 answers that it had not")
     assert wanted(wishes, scenario, poor) == (
-        "Which KPIs were wanted better is not said: too few answers are predicted from them (3 of 4)."
+        "Which KPIs decided the answers is not said: of the 4 that prefer a side, 3 could be predicted from "
+        "the KPIs and the other answers, and guessing may do as well."
     )
-    assert wanted(wishes, scenario, None) == ("The answers are too few to say which KPIs were wanted better.")
+    assert wanted(wishes, scenario, None) == "The answers are too few to say which KPIs decided them."

@@ -84,7 +84,7 @@ def test_keys_mean_what_they_mean_on_the_page():
     [
         ("hx", "No answers yet."),
         ("fxx", "Type f again"),  # one letter does not finish a study
-        ("ff", "The study is finished: stopped."),
+        ("ff", "The study is finished: at your request."),
         ("zx", "there is no answer to undo"),
     ],
 )

@@ -59,17 +59,32 @@ def test_without_a_result_there_is_no_reason_for_one():
 @pytest.mark.parametrize(
     ("verdicts", "first"),
     [
-        (["worse", "worse", "better", "better", "", "better", "better"], [2, 3, 5, 0, 1]),
-        (["better", "better"], [0, 1]),
-        (["", "", "", ""], [0, 1, 2]),
-        (["worse", "", "worse"], [0, 2]),
-        ([], []),
+        (["better", "better", "better", "worse", "worse", "better", ""], 5),
+        (["better", "better"], 2),
+        (["", "", "", ""], 3),
+        (["worse", "worse", ""], 2),
+        ([], 0),
     ],
 )
 def test_gains_and_all_that_they_cost_are_shown_before_other_kpis(verdicts, first):
     row = {"title": "a", "before": "1", "after": "2", "met": None, "change": "", "unit": "", "about": ""}
     rows = [row | {"verdict": verdict, "objective": ""} for verdict in verdicts]
     assert gain_view("first experiment", 1, rows, [])["first"] == first
+
+
+def test_the_rows_of_every_screen_begin_with_the_largest_gains_and_all_that_they_cost():
+    first = asked()[0].past.experiment(0)
+    kpis = [KPI(name, name, better="lower") for name in "abcdefg"]
+    before = replace(first, kpis=dict.fromkeys("abcdefg", 1.0))
+    after = replace(first, kpis=dict(zip("abcdefg", (1.001, 0.8, 9.0, 0.1, 0.5, 0.3, 1.5), strict=True)))
+    rows = gained(before, after, kpis, Spread())
+    assert "".join(row["title"] for row in rows) == "dfecgba"
+    assert gain_view("first experiment", 1, rows, [])["first"] == 5
+
+
+def test_a_slight_change_that_meets_an_objective_is_a_gain():
+    found = row(20.05, 19.95)
+    assert (found["verdict"], found["met"]) == ("better", True)
 
 
 def row(before, after, *, kpi=None, study=()):

@@ -1,26 +1,50 @@
 """The head of each side shows the KPIs that the sentence above the question names."""
 
 import re
+from dataclasses import replace
 from functools import partial
+from io import StringIO
 
 import pytest
+from rich.console import Console
 
 from prefcal_agents.screening.agent import Screening
 from prefcal_app.session import Choice, Phase, actions
+from prefcal_app.summary import Spread, compare
+from prefcal_app.terminal.showing import show_kpis
 from prefcal_app.view import now_view
-from prefcal_app.view.question import headline, question_view
+from prefcal_app.view.question import question_view
 from prefcal_scenarios.catalog import load
+from prefcal_scenarios.scenario import KPI
 from support.interviews import begin, proceed
 
 
-def row(title, size, objective=""):
-    return {"title": title, "size": size, "objective": objective}
-
-
 def test_what_the_sentence_names_comes_first_then_what_differs_most_then_objectives():
-    rows = [row("a", 0.9), row("b", 0.4), row("c", 0.0), row("d", 0.0, "≤ 2"), row("e", 0.1)]
-    assert headline(rows) == ["a", "b", "e", "d", "c"]
-    assert headline(rows, ("c", "e", "not measured")) == ["c", "e", "a", "b", "d"]
+    kpis = (*(KPI(name, name.upper()) for name in "abc"), KPI("d", "D", at_most=2.0), KPI("e", "E"))
+    scenario = replace(load("servo"), kpis=kpis)
+    run = proceed(begin(load("servo"), n_max=3)).question.left.experiment
+    left = replace(run, kpis=dict.fromkeys("abcde", 1.0))
+    right = replace(run, kpis={"a": 10.0, "b": 2.0, "c": 1.0, "d": 1.0, "e": 1.2})
+
+    def order(*named):
+        return "".join(row["title"] for row in compare(left, right, scenario.shown_kpis, Spread(), named))
+
+    assert order() == "ABEDC"
+    assert order("C", "E", "not measured") == "CEABD"
+
+
+def test_heads_table_and_terminal_show_the_same_order_what_is_named_first():
+    interview = begin(load("servo"), n_max=3)
+    asked, scenario = proceed(interview).question, interview.scenario
+    named = [scenario.shown_kpis[-1].title]
+    view = question_view(asked, scenario, blind=False, named=named)
+    assert [row["title"] for row in view["comparison"]] == view["headline"]
+    assert view["headline"][:1] == named
+    console = Console(file=StringIO(), width=200)
+    show_kpis(view["comparison"], console, {"left": "LEFT", "right": "RIGHT"})
+    told = console.file.getvalue()
+    places = [told.index(title) for title in view["headline"]]
+    assert places == sorted(places)
 
 
 @pytest.mark.parametrize("name", ["cstr", "servo", "building"])
@@ -46,7 +70,8 @@ def test_blind_the_heads_do_not_tell_which_side_is_new():
     told = 0
     while proceed(interview).phase is Phase.QUESTION:
         seen, blind = (now_view(interview, blind=blind)["question"] for blind in (False, True))
-        assert blind["headline"] == headline(blind["comparison"])
+        apart = [row["size"] for row in blind["comparison"]]
+        assert apart == sorted(apart, reverse=True)
         assert blind["heads"] == 3
         told += seen["headline"] != blind["headline"] or seen["heads"] != 3
         interview.do(actions.Answer(blind["id"], Choice.LEFT))

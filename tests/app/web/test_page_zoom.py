@@ -13,6 +13,16 @@ AXES = """() => [...document.querySelectorAll("#left-plot, #right-plot")].map((d
   [div._fullLayout.xaxis.range, div._fullLayout.yaxis.range])"""
 CUT = """() => [...document.querySelectorAll(".which, .head span, .buttons, .compare td")]
   .filter((e) => e.offsetParent && e.scrollWidth > e.clientWidth).map((e) => e.textContent)"""
+NEAREST = """selector => Math.min(...[...document.querySelectorAll(selector)].flatMap((row) => {
+  const shown = [...row.querySelectorAll("td")].flatMap((cell) => {
+    const range = document.createRange(), span = cell.querySelector("span") ?? cell;
+    range.selectNodeContents(span.firstChild?.nodeType === 3 ? span.firstChild : span);
+    return [...range.getClientRects()].filter(({ width }) => width > 1);
+  });
+  return shown.flatMap((a) => shown.filter((b) => b.left > a.left && b.top < a.bottom && a.top < b.bottom)
+    .map((b) => b.left - a.right));
+}))"""
+"""The least distance between the values beside each other in rows of a table."""
 NOW = "fetch('/api/now').then((r) => r.json())"
 
 
@@ -215,6 +225,23 @@ def test_on_a_phone_a_whole_panel_with_both_runs_is_above_the_answers(browser, w
     untouched = fill()
     page.hover("#verdict-right")  # as after a tap on it
     assert fill() == untouched  # the next question does not look answered
+
+
+def test_on_a_phone_the_numbers_of_a_row_do_not_touch(browser, window):
+    watched = Watched(browser, viewport={"width": 390, "height": 844})
+    watched.open(window("servo", n_max=3).link)
+    page = watched.page
+    page.keyboard.press("t")
+    page.wait_for_selector("#compare:not([hidden]) td")
+    assert page.evaluate(NEAREST, "#compare tbody tr") >= 6
+    watched.shot("phone-table")
+    watched.answer("ArrowLeft")
+    page.keyboard.press("ArrowRight")
+    watched.phase("over")
+    page.wait_for_selector(".gain td")
+    assert page.evaluate(NEAREST, ".gain tbody tr") >= 6  # 3 before
+    watched.shot("phone-gain")
+    assert page.evaluate("document.getElementById('main').scrollWidth <= innerWidth")
 
 
 def test_magnified_to_the_limit_the_page_scrolls_as_a_whole(opened):

@@ -87,6 +87,19 @@ def test_limits_are_those_of_percent_or_twice_the_move_away(tmp_path, start, uni
     assert (valve.low, valve.high) == expected
 
 
+@pytest.mark.parametrize(("unit", "limits"), [("%", None), ("", (80.0, 120.0)), ("", None)])
+def test_limits_that_nobody_stated_are_assumed_and_the_brief_says_so(tmp_path, unit, limits):
+    path = tmp_path / "step.csv"
+    start = 40.0 if unit else 97.0
+    path.write_text(table("time", f"valve [{unit}]", "level", columns=(T, U - U[0] + start, response())))
+    found, _ = identified.identified(path, limits=limits)
+    found.write(path.with_suffix(".plant.json"))
+    scenario = load(f'pid {{"plant": "{path.as_posix()}"}}')
+    said = () if unit or limits else ("Nobody stated limits of valve; 85 to 109 is assumed.",)
+    assert scenario.assumed == said
+    assert all(each in scenario.brief for each in said)
+
+
 def test_an_input_that_rests_at_its_limit_stays_there_in_a_narrower_range(tmp_path):
     path = tmp_path / "step.csv"
     path.write_text(table(columns=(T, U - U[0], response())))

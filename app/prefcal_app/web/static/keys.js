@@ -19,7 +19,7 @@ export const QUESTION = {
   e: ["E", "mark right as unsafe or very bad", () => mark("right", "unsafe")],
   d: ["D", "mark right as good enough", () => mark("right", "good enough")],
   c: ["C", "write a comment; Enter or Esc leaves the field", () => $("comment").focus()],
-  t: ["T", "all KPIs of both sides, largest difference first", toggleTable],
+  t: ["T", "all KPIs of both sides, in one table", toggleTable],
   f: ["F", "zoom to the target and back", toggleZoom],
   0: ["0", "the whole time, or only while things happen (or double-click)", resetZoom],
   o: ["O", "switch between one plot and side by side", toggleOverlay],

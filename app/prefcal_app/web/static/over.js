@@ -54,7 +54,7 @@ function picture({ curves, table: { columns } }) {
 // Show before and after of the KPIs that gained most and of what that cost, and what is missed.
 function gained({ gain, missed }) {
   if (!gain || !gain.table.rows.length) return null;
-  const { columns, rows } = gain.table, most = gain.first.map((k) => rows[k]), least = rows.filter((_, k) => !gain.first.includes(k));
+  const { columns, rows } = gain.table, most = rows.slice(0, gain.first), least = rows.slice(gain.first);
   return el("div", { class: "card gain" }, el("h3", {}, "What you got"),
     gain.same ? el("p", {}, gain.none) : [picture(gain), shownTable({ label: "Most gained, and its cost", columns, rows: most }),
       least.length ? folded("gain-all", counted(least.length, "more KPI"), shownTable({ label: "More KPIs", columns, rows: least })) : null],

@@ -58,8 +58,8 @@ export function show(now, same) {
     else describe(side, question);
     if (same && !stays) told(side, maneuvers.part);
   }
+  if (!stays) table.take(question);
   if (same) return;
-  table.take(question);
   unit = now.scenario.time_unit;
   maneuvers.take(question);
 }

@@ -1,4 +1,4 @@
-// Compare two experiments KPI by KPI in one table, an objective that only one misses, then the largest difference.
+// Compare two experiments KPI by KPI in one table, in the order of the heads.
 
 import { $, el, fill, keep, kept, symbol, table, verdict, withUnit } from "./dom.js";
 
