@@ -464,8 +464,9 @@ def enough(found: Findings) -> str:
     said = found.certificate
     if said is None or said.share is None or said.share >= 1:
         return ""
+    drawn = f"drawn at random,{'' if found.kept is None else ' whether they hold or not,'}"
     return (
-        f"Of θ drawn at random, fewer than {percent(said.share)} are noticeably better (with "
+        f"Of θ {drawn} fewer than {percent(said.share)} are noticeably better (with "
         f"{percent(said.probability)} probability)."
     )
 
