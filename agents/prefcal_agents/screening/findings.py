@@ -67,7 +67,8 @@ class RobustResult:
             that one, as agents know them.
         outdone: Whether it does not hold since it misses more limits nominally than a simulated θ does.
         among: Whether costs are beside those θ alone that keep all stated limits nominally.
-        first: How many of the same runs the first experiment keeps; None if it is the best.
+        first: How many of the same runs the first experiment keeps; None if it is the best, or misses other
+            limits as modeled.
         other: That other θ, physical; empty without one.
     """
 
@@ -343,9 +344,10 @@ def _robustness(agent: Screening, stage: Stage, past: History, best: int) -> Rob
     runs = simulations.runs_kept(bank.thetas[best])
     kept = int(runs.sum())
     whole = not simulations.reading.missed(bank.names, bank.kpis[[best]])[0]
-    first = (
-        None if agent.best_index == 0 else int(simulations.runs_kept(np.array(past.samples[0].theta)).sum())
-    )
+    first, old = None, bank.find(past.samples[0].theta)
+    # What misses other limits as modeled is judged by others: a count beside that of the best would mislead.
+    if old != best and np.array_equal(*simulations.missed(bank)[[old, best]]):
+        first = int(simulations.runs_kept(bank.thetas[old]).sum())
     found = RobustResult(kept, (), bool(~eligible[best]), whole and bool(~eligible.all()), first=first)
     if kept < ENOUGH:
         by_worth = np.argsort(-agent.growth.worth(past).mean(axis=0), kind="stable")

@@ -388,6 +388,8 @@ def test_a_result_says_how_the_first_experiment_held():
     agent = studied(Fast(), start=[[0.9, 0.5]])
     found = everything(agent).robustness
     assert (found.kept, found.first) == (ENOUGH, 5)
+    other = everything(studied(Limited(), start=[[0.9, 0.5]])).robustness
+    assert (other.kept, other.first) == (ENOUGH, None), "it misses a limit that the best keeps"
     fastest = studied(Fast(), start=[[0.6, 1.0]], n_max=3)
     assert fastest.best_index == 0
     assert everything(fastest).robustness.first is None, "there is nothing to compare with"
