@@ -39,8 +39,7 @@ def record_of(interview: Interview, options: Options, references: Mapping[str, E
         state = now.state
         comparisons, answered = interview.past.comparisons(), interview.past.answered()
         shown = {k: interview.past.experiment(k) for k in list_shown(state) if k >= state.history.answered}
-    then, today = _fingerprints(options, state)
-    agent = state.configuration["agent"]
+    (then, today), agent = _fingerprints(options, state), state.configuration["agent"]
     winners = state.history.incumbents()  # after each closed query; the last is the best now
     # What prefcal says of the result comes when it is ready, which is nothing that anybody did.
     times = [each.at for each in events if not isinstance(each.event, Concluded)]
