@@ -252,7 +252,7 @@ _UNDONE = 40  # number of the latest answers that an undo may go back over witho
 
 
 def every_tenth(history: History) -> Iterator[History]:
-    """Yield the record before the last answers, as of every tenth: what follows after an undo begins there."""
+    """Yield the record as of every tenth of its last answers, where what follows after an undo begins."""
     last = history.answered - 1
     return map(history.until, range(last // _SELDOM * _SELDOM, max(last - _UNDONE, 0), -_SELDOM))
 
