@@ -357,7 +357,7 @@ class Stages(Generic[Known]):
         Each comes with the key of its record, see `recalled`.
         """
         count = history.answered
-        recent = (history.until(k) for k in range(count, max(count - _SELDOM, 0), -1))
+        recent = (history.until(k) for k in range(count, 0, -1))  # not all stages are asked for each time
         latest = islice((past for past in recent if self._at_hand(past) is not None), 1)
         for past in chain(latest, every_tenth(history)):
             if (known := self._at_hand(past)) is not None:
