@@ -252,7 +252,7 @@ _UNDONE = 40  # number of the latest answers that an undo may go back over witho
 
 
 def every_tenth(history: History) -> Iterator[History]:
-    """Yield the record before the last answers, as of every tenth: what follows after an undo begins there."""
+    """Yield the record as of every tenth of its last answers, where what follows after an undo begins."""
     last = history.answered - 1
     return map(history.until, range(last // _SELDOM * _SELDOM, max(last - _UNDONE, 0), -_SELDOM))
 
@@ -357,7 +357,7 @@ class Stages(Generic[Known]):
         Each comes with the key of its record, see `recalled`.
         """
         count = history.answered
-        recent = (history.until(k) for k in range(count, max(count - _SELDOM, 0), -1))
+        recent = (history.until(k) for k in range(count, 0, -1))  # not all stages are asked for each time
         latest = islice((past for past in recent if self._at_hand(past) is not None), 1)
         for past in chain(latest, every_tenth(history)):
             if (known := self._at_hand(past)) is not None:

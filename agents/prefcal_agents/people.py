@@ -402,14 +402,12 @@ class Utilities:
 
         `weights` are those of these draws, if they are known; `rows` are draws, shape (r,), None for all.
         """
-        weights = (self.weights if weights is None else weights)[:, : self.used]
-        differences = differences[: self.used]
-        if rows is None:  # in one pass, since a long study has 20 MB of them, and in the order of the parts
-            return np.asarray(np.einsum("sc,csa->sa", weights, differences))
-        found = np.empty((len(rows), differences.shape[2]))
-        for row, own in zip(rows.tolist(), found, strict=True):
-            np.einsum("c,ca->a", weights[row], differences[:, row], out=own)
-        return found
+        used, weights = self.used, self.weights if weights is None else weights
+        weights, differences = weights[:, :used], differences[:used]
+        if rows is not None:
+            weights, differences = weights[rows], differences.take(rows, axis=1)
+        # In one pass, since a long study has 20 MB of them, and in the order of the parts.
+        return np.asarray(np.einsum("sc,csa->sa", weights, differences))
 
     def log_answers(
         self,
@@ -663,9 +661,10 @@ class Posterior:
         rows = np.minimum(np.searchsorted(shares, places), len(before) - 1)
         rows = rng.permutation(rows)
         logs = logs.take(rows, axis=0)
-        both = np.empty((len(apart), *logs.shape))
+        both, taken = np.empty((len(apart), *logs.shape)), np.empty(self.logs.shape)
         for part, added in enumerate(apart):  # of a long study, all at once would be another 50 MB
-            both[part, :, :kept] = self.apart[part].take(rows, axis=0)[:, :kept]
+            self.apart[part].take(rows, axis=0, out=taken, mode="clip")  # "raise" would copy once more
+            both[part, :, :kept] = taken[:, :kept]
             both[part, :, kept:] = added.take(rows, axis=0)
         return _move(Posterior(before.take(rows), new, both, logs), scale, rng, mistakes)
 
@@ -716,13 +715,11 @@ class _Told(NamedTuple):
         (given, apart, _), counted = self, tried.counted[part, draw]
         changed = _subtract(tried.level(given.logs, part, draw), given.better, given.worse, counted)
         before, apart[part, draw] = apart[part, draw], changed
-        # All at once where most are wanted; else one by one: to copy theirs takes longer than to add them.
-        gains = tried.gain(apart, weights) if 2 * len(rows) > len(tried) else None
         # In parts of 200 kB, which stay in the cache: of a long study, those of all rows are 12 MB.
         found, size = np.empty((len(rows), len(given))), 1 + 2**15 // max(len(given), 1)
         for start in range(0, len(rows), size):
             some = rows[start : start + size]
-            gain = gains[some] if gains is not None else tried.gain(apart, weights, some)
+            gain = tried.gain(apart, weights, some)
             found[start : start + size] = tried.log_answers(gain, given.tie, some)
         return found, before
 

@@ -31,9 +31,10 @@ class DrawPool:
     logs: Float[np.ndarray, "m k"]  # log distances of the KPIs that are expected, shape (m, k)
     shown: Int[np.ndarray, " n"]  # row of the bank of each sample, shape (n,)
     utilities: Utilities  # all draws, shape (s,)
-    costs: Float[np.ndarray, "s n"]  # costs of the samples in each draw, shape (s, n)
     # Logarithm of their density relative to that before any answer, shape (s,)
     density: Float[np.ndarray, " s"]
+    told: Lessons  # answers of a record, and the logarithm of their probability in each draw, shape (s,)
+    likely: Float[np.ndarray, " s"]
 
     @classmethod
     def of(
@@ -63,25 +64,16 @@ class DrawPool:
             KeyError: If a sample is not in the bank.
         """
         utilities = _join([limit(scale, draws) for _, draws in given])
-        shown = np.array([bank.find(sample.theta) for sample in given[-1][0].samples], dtype=np.int64)
-        pool = cls(
-            bank,
-            scale,
-            logs,
-            shown,
-            utilities,
-            np.empty((len(utilities), len(shown))),
-            np.zeros(len(utilities)),
-        )
-        for part in pool.parts:
-            pool.costs[part] = utilities.take(part).costs(logs[shown])
+        shown = bank.rows([sample.theta for sample in given[-1][0].samples])
+        last, nothing = Lessons.of(bank, scale, given[-1][0]), np.zeros(len(utilities))
+        pool = cls(bank, scale, logs, shown, utilities, nothing, last.first(0), nothing)
         likely = pool.log_likelihoods([record for record, _ in given])
         constants, density = np.zeros((len(given), 1)), pool.density
         for _ in range(_STEPS):
             density = logsumexp(likely - constants, axis=0) - np.log(len(given))
             # Each constant is a mean over all draws, so it improves the density that improves the constants.
             constants = logsumexp(likely - density, axis=1, keepdims=True) - np.log(len(density))
-        return replace(pool, density=density)
+        return replace(pool, density=density, told=last, likely=likely[-1])
 
     @property
     def parts(self) -> Iterator[Int[np.ndarray, " q"]]:
@@ -95,16 +87,21 @@ class DrawPool:
 
     def log_likelihoods(self, records: Sequence[History]) -> Float[np.ndarray, "r s"]:
         """Return the logarithm of the probability of all answers of each record, shape (r, s)."""
-        given = [Lessons.of(self.bank, self.scale, record) for record in records]
-        told = [np.stack([each.better, each.worse, each.tie], axis=1) for each in given]
-        # Records of one study share nearly all answers: each one is worked out once.
-        every, where = np.unique(np.vstack(told), axis=0, return_inverse=True)
+        given = [self.told, *(Lessons.of(self.bank, self.scale, record) for record in records)]
+        pairs = np.vstack([np.stack([each.better, each.worse, each.tie], axis=1) for each in given])
+        every, where = np.unique(pairs, axis=0, return_inverse=True)
         columns = np.split(where.ravel(), np.cumsum([len(each) for each in given])[:-1])
+        parts = zip(columns, given, strict=True)
+        strength = np.array([np.bincount(own, each.strength, len(every)) for own, each in parts])
+        # Records of one study share nearly all answers: only those that differ are worked out, each once.
+        more = strength[1:] - strength[0]
+        own = more.any(axis=0)
         better, worse, tie = every.T
-        logs, found = max((each.logs for each in given), key=len), np.empty((len(given), len(self.utilities)))
-        for part, each in self.log_answers(Lessons(logs, better, worse, tie > 0, np.ones(len(tie)))):
-            for row, own, lessons in zip(found, columns, given, strict=True):
-                row[part] = each.take(own, axis=1) @ lessons.strength
+        logs = max((each.logs for each in given), key=len)
+        new = Lessons(logs, better, worse, tie > 0, np.ones(len(tie))).take(np.flatnonzero(own))
+        found = np.tile(self.likely, (len(records), 1))
+        for part, each in self.log_answers(new):
+            found[:, part] += more[:, own] @ each.T
         return found
 
     def weights(self, history: History, power: float = 1.0) -> Float[np.ndarray, " s"]:
@@ -250,10 +247,10 @@ def _results(
         history: One of the records; they mark the same samples as unsafe.
     """
     count, better = history.answered, np.zeros((len(bests), history.answered))
-    for best in {*bests}:
-        own = np.flatnonzero(np.array(bests) == best)
-        for part in pool.parts:
-            costs = pool.costs[part, :count]
+    for part in pool.parts:
+        costs = pool.utilities.take(part).costs(pool.logs[pool.shown[:count]])
+        for best in {*bests}:
+            own = np.flatnonzero(np.array(bests) == best)
             better[own] += weights[np.ix_(part, own)].T @ (costs < costs[:, [best]] - 1.0)
     loose = pool.utilities.loose @ weights
     rivals = [overtaking(*each, history) > 0 for each in zip(better, loose.tolist(), strict=True)]

@@ -562,13 +562,19 @@ def _open_minded(stage: Stage, history: History, rng: np.random.Generator) -> in
 
 def _look_alike(stage: Stage, history: History) -> Bool[np.ndarray, " m"]:
     """Return which θ have the KPIs of one that was shown, shape (m,): a person sees nothing new."""
-    logs = stage.logs
-    alike = np.zeros(len(logs), dtype=np.bool_)
-    for shown in logs[stage.bank.rows([s.theta for s in history.samples[: history.answered]])]:
-        apart = np.abs(np.subtract(logs, shown, where=logs != shown, out=np.zeros(logs.shape)))
+    logs, shown = stage.logs, stage.bank.rows([s.theta for s in history.samples[: history.answered]])
+    if not stage.scale.names:
+        return np.full(len(logs), len(shown) > 0)
+    alike, order = np.zeros(len(logs), dtype=np.bool_), np.argsort(logs[:, 0], kind="stable")
+    # Each is compared with those that are near it in the first KPI: of a long study, with all takes longer.
+    first, own = logs[order, 0], logs[shown, 0]
+    begin, end = first.searchsorted(own - 2 * _ALIKE), first.searchsorted(own + 2 * _ALIKE, side="right")
+    for row, rows in zip(shown.tolist(), map(order.__getitem__, map(slice, begin, end)), strict=True):
+        near = logs[rows]
         # In logarithms a difference is a share. Equal infinite values differ by 0: their difference is not
         # taken.
-        alike |= apart.max(axis=1, initial=0.0) < _ALIKE
+        apart = np.abs(np.subtract(near, logs[row], where=near != logs[row], out=np.zeros(near.shape)))
+        alike[rows] |= apart.max(axis=1) < _ALIKE
     return alike
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_agents.agent import one_thread
 from prefcal_agents.people import Bank, notice_chance
 from prefcal_agents.result import (
     Influence,
@@ -237,7 +238,8 @@ def findings(agent: Screening, known: Findings | None = None, *, over: bool | No
     given = 0 if known is None or known.over is not over else known.parts
     if known is not None and given == len(parts):
         return known
-    found = parts[given](agent, Findings(over, 0) if known is None or not given else known)
+    with one_thread():
+        found = parts[given](agent, Findings(over, 0) if known is None or not given else known)
     return replace(found, parts=given + 1, complete=given + 1 == len(parts))
 
 

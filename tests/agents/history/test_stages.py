@@ -116,3 +116,14 @@ def test_that_nothing_is_known_is_remembered_too():
     remembered = Remembered(asked.append)
     assert [remembered(line(3)), remembered(line(3))] == [None, None]
     assert len(asked) == 1
+
+
+@pytest.mark.parametrize(("asked", "now", "needed"), [(35, 80, 45), (95, 95, 0), (95, 75, 5), (95, 60, 0)])
+def test_what_is_worth_keeping_is_the_latest_of_all_and_every_tenth_of_the_last_forty(asked, now, needed):
+    study, later = Counting(), Counting()
+    study.stages(line(asked))
+    kept = dict(study.stages.worth_keeping(line(max(asked, now))))
+    later.stages.recalled = lambda past: kept.get(past.key)
+    later.stages(line(now))
+    assert len(later.steps) == needed
+    assert later.begun == 0

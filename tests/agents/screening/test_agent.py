@@ -14,7 +14,7 @@ from contracts.proposals import HALF, MIXED, RARE, SMALL, TINY, judge, run
 from prefcal_agents import Screening, restore
 from prefcal_agents.agent import AgentState
 from prefcal_agents.glisp.fits import ModelSelection
-from prefcal_agents.screening.agent import BeyondKPIs, without_kpis
+from prefcal_agents.screening.agent import BeyondKPIs, _look_alike, without_kpis
 from prefcal_agents.screening.bank import Growth, Simulations
 from prefcal_agents.screening.findings import findings
 from prefcal_env.errors import ProtocolError, SettingsError, SimulationError
@@ -430,3 +430,28 @@ def test_a_later_session_recalls_shapes_of_proposals_without_kpis_and_proposes_t
     assert again.ask() == study.ask()
     assert again.growth.explains(again.history.past) is False
     assert [count for count in learned if count <= 20] == []
+
+
+def test_what_looks_like_something_shown_is_alike_in_all_kpis_and_equal_where_they_are_infinite():
+    rng, base = (
+        np.random.default_rng(0),
+        Growth(Simulations(lambda t: {"a": 1 + t[0], "b": t[1]}), SQUARE, 90, 0),
+    )
+    stage = base.stage(History())
+    logs, shown = rng.normal(size=(len(stage.bank), 2)), range(0, len(stage.bank), 4)
+    logs[rng.random(logs.shape) < 0.3] = np.inf
+    logs[1::4] = logs[::4][: len(logs[1::4])] + rng.choice([-0.0049, 0.0, 0.0051], (len(logs[1::4]), 2))
+    stage = replace(stage, logs=logs)
+    known = in_chain(stage.bank, shown, [1] * (len(shown) - 1))
+    apart = np.array(
+        [
+            [max(0.0 if x == y else abs(x - y) for x, y in zip(a, logs[b], strict=True)) for b in shown]
+            for a in logs
+        ]
+    )
+    found = _look_alike(stage, known)
+    assert 0 < np.count_nonzero(found) - len(shown) < len(logs[1::4])
+    assert np.array_equal(found, (apart < 0.005).any(axis=1))
+    nameless = replace(stage, logs=logs[:, :0], scale=replace(stage.scale, names=()))
+    assert _look_alike(nameless, known).all()
+    assert not _look_alike(nameless, History()).any()

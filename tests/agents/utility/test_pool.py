@@ -1,6 +1,7 @@
 """What other answers would teach, from draws that were made given these."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -47,6 +48,11 @@ def pool(record):
     return DrawPool.of(BANK, SCALE, LOGS, learned(record))
 
 
+def costs_of(pool):
+    """Costs of the rows shown in each draw."""
+    return pool.utilities.costs(LOGS[ROWS])
+
+
 def better(costs, weights):
     """How probably each row shown is noticeably better than each other one."""
     return np.einsum("s,sij->ij", weights, costs[:, :, None] < costs[:, None] - 1.0)
@@ -63,11 +69,11 @@ def test_it_agrees_with_learning_again(pool, record, index):
     other = record if index is None else turn(record, index)
     fresh = learned(other, seed=1)[-1][1].costs(LOGS[ROWS])
     again = better(fresh, np.full(len(fresh), 1 / len(fresh)))
-    assert np.abs(better(pool.costs, pool.weights(other)) - again).mean() < 0.06
+    assert np.abs(better(costs_of(pool), pool.weights(other)) - again).mean() < 0.06
 
 
 def test_a_power_of_a_half_is_less_sure(pool, record):
-    sure, less = (better(pool.costs, pool.weights(record, power)) for power in (1.0, 0.5))
+    sure, less = (better(costs_of(pool), pool.weights(record, power)) for power in (1.0, 0.5))
     assert np.abs(less - less.T).mean() < np.abs(sure - sure.T).mean()
 
 
@@ -75,5 +81,17 @@ def test_likely_draws_come_several_times_and_the_same_ones_each_time(pool, recor
     drawn = pool.drawn(record, 500)
     assert len(drawn) == 500
     costs, weights = drawn.costs(LOGS[ROWS]), np.full(500, 1 / 500)
-    assert np.abs(better(costs, weights) - better(pool.costs, pool.weights(record))).max() < 0.05
+    assert np.abs(better(costs, weights) - better(costs_of(pool), pool.weights(record))).max() < 0.05
     assert np.array_equal(drawn.normals, pool.drawn(record, 500).normals)
+
+
+def test_of_a_record_only_what_differs_from_that_of_the_study_is_worked_out(pool, record, monkeypatch):
+    anew, counted = replace(pool, told=pool.told.first(0), likely=np.zeros(len(pool.likely))), []
+    records = [record, turn(record, 4), record.retracted(2), record.until(7)]
+    expected = anew.log_likelihoods(records)
+    of = Posterior.of
+    monkeypatch.setattr(Posterior, "of", lambda u, told: (counted.append(len(told)), of(u, told))[1])
+    for each, true, most in zip(records, expected, (0, 2, 1, 1), strict=True):
+        assert pool.log_likelihoods([each])[0] == pytest.approx(true, abs=1e-9)
+        assert {*counted} == {most}
+        counted.clear()
