@@ -5,14 +5,12 @@ Pages that need the benchmark are run by its own tests.
 
 import json
 import re
+from importlib import import_module
 from operator import attrgetter
 
 import pytest
 
-from prefcal_agents import people, result
 from prefcal_agents.registry import WORDS
-from prefcal_agents.screening import agent, bank
-from prefcal_env.preferences import answer
 from support.documents import (
     DOCUMENTS,
     ROOT,
@@ -95,14 +93,13 @@ def test_a_page_tells_every_word_for_an_agent():
     assert told == list(WORDS)
 
 
-def test_each_rule_of_screening_names_the_code_that_names_its_number():
+@pytest.mark.parametrize(("which", "count"), [("Screening", 14), ("GLISp", 7)])
+def test_each_rule_of_an_agent_names_the_code_that_names_its_number(which, count):
     page = (ROOT / "docs" / "how_it_works.md").read_text()
-    rules = page.partition("## The rules of Screening in full")[2].partition("\n## ")[0]
-    told = re.findall(r"^(\d+)\. \*\*[^*]+\*\* \(`([\w.]+)` in `(?:\w+/)?(\w+)\.py`", rules, re.M)
-    assert [int(number) for number, *_ in told] == [*range(1, 15)]
-    files = {"answer": answer, "people": people, "bank": bank, "agent": agent, "result": result}
+    rules = page.partition(f"## The rules of {which} in full")[2].partition("\n## ")[0]
+    told = re.findall(r"^(\d+)\. \*\*[^*]+\*\* \(`([\w.]+)` in `([\w/]+)\.py`", rules, re.M)
+    assert [int(number) for number, *_ in told] == [*range(1, count + 1)]
     for number, name, file in told:
-        assert re.search(rf"Screening, rule {number}\b", attrgetter(name)(files[file]).__doc__), (
-            number,
-            name,
-        )
+        package = "prefcal_env.preferences" if file == "answer" else "prefcal_agents"
+        module = import_module(f"{package}.{file.replace('/', '.')}")
+        assert re.search(rf"{which}, rule {number}\b", attrgetter(name)(module).__doc__), (number, name)

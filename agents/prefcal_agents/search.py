@@ -295,7 +295,7 @@ class Domain:
 def new_minimum(
     objective: Objective, space: KnobSpace, history: History, rng: np.random.Generator
 ) -> Float[np.ndarray, " n"]:
-    """Return the point of the cube with the lowest objective whose θ has not run, shape (n,).
+    """Return the point of the cube with the lowest objective whose θ has not run, shape (n,): GLISp, rule 5.
 
     Raises:
         ProtocolError: If every θ of the space has been tried.

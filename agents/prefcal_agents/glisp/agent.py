@@ -112,7 +112,7 @@ def propose(setup: GLISpSetup, fit: Fit) -> Float[np.ndarray, " n"]:
 
 
 def propose_start(setup: GLISpSetup, history: History) -> Float[np.ndarray, " n"]:
-    """Return the cube point of a sample of the start, shape (n,), from a Latin hypercube.
+    """Return the cube point of a sample of the start, shape (n,), from a Latin hypercube: GLISp, rule 1.
 
     Deviation: another point takes its place if it is likely unsafe according to the marks.
     """
@@ -146,7 +146,7 @@ def follow_up(history: History, models: ModelSelection, settings: GLISpSettings)
     """Return two known samples to compare now, the challenger first; None if there are none.
 
     If mistakes are suspected, ask whether the best sample really is the best; once that is
-    settled, find the rank of the latest one.
+    settled, find the rank of the latest one: GLISp, rule 6.
 
     Source: none.
     Deviation: the paper asks one comparison for each experiment.
@@ -315,7 +315,7 @@ _BELIEVED = 0.996  # largest share of the draws that is believed; 1 minus it is 
 
 @dataclass(frozen=True, slots=True)
 class Foresight:
-    """What draws and answers say of the next experiment, before it runs."""
+    """What draws and answers say of the next experiment, before it runs: GLISp, rule 7."""
 
     # Share of the draws to which it is noticeably better than the best so far; None if KPIs do not explain
     # the answers
@@ -387,7 +387,10 @@ class GLISp(Agent):
         return propose(self.setup, self._models.fit(history))
 
     def question(self, history: History) -> Pair | None:
-        """Return two samples to compare: the unbeaten ones, or those about which answers may err."""
+        """Return two samples to compare: the unbeaten ones, or those about which answers may err.
+
+        GLISp, rule 2.
+        """
         pair = rematch(history)
         if pair is not None:
             return pair

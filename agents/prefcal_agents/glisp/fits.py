@@ -305,6 +305,8 @@ def most_promising(
 ) -> Float[np.ndarray, " n"]:
     """Return the point of the cube to run next, shape (n,): the best one for `expected_best`.
 
+    GLISp, rule 3.
+
     Source: Z. J. Lin et al., "Preference exploration for efficient Bayesian optimization with
     multiple outcomes" (2022): a process for each KPI, draws of what the person wants.
     Deviation: draws follow `Utilities`, and the choice is that of `Screening`. The θ to choose from
@@ -671,7 +673,7 @@ def process_turns(answered: int, n_init: int) -> int:
 
 
 def train(data: Dataset, selection: Selection, settings: GLISpSettings) -> Surrogate:
-    """Return Ĵ, trained on `data` with the selected shape and weights.
+    """Return Ĵ, trained on `data` with the selected shape and weights: GLISp, rule 4.
 
     Source: eq. QP-pref.
     Deviation: if answers may be wrong (`is_noisy`), Ĵ need not reproduce all; see

@@ -29,9 +29,15 @@ class AgentStyle:
     marker: str
     dashes: tuple[int, tuple[int, ...]] | str = "-"
 
+    @property
+    def scale(self) -> float:
+        """Return how much larger its marker is drawn than others: a star has little area."""
+        return 1.8 if self.marker == "*" else 1.0
+
 
 _DOTTED, _DASHED = (0, (1, 1)), (0, (4, 2))
 _KNOWN: Mapping[str, AgentStyle] = {
+    "Screening": AgentStyle("#00838f", "*"),
     "GLISp": AgentStyle(BEST, "o"),
     "GLISp.paper": AgentStyle("#56b4e9", "s"),
     "GLIS": AgentStyle(OTHERS[0], "D"),
@@ -44,18 +50,13 @@ _KNOWN: Mapping[str, AgentStyle] = {
     "BOPE": AgentStyle("#d1495b", "H"),
     "OptunaTPE": AgentStyle("#6b7f2a", "d"),
     "OptunaGP": AgentStyle("#a0522d", "h"),
+    "EqualWeights": AgentStyle("#94b000", "d", _DASHED),
+    "StepSearch": AgentStyle("#cf2b4a", "8"),
     "LatinHypercube": AgentStyle("#4b5563", "^", _DASHED),
     "RandomSearch": AgentStyle(FIRST, "v", _DOTTED),
 }
 """Agents that come with the project; those with dashed or dotted lines do not learn."""
-_SPARE = (
-    AgentStyle("#00a3a3", "*"),
-    AgentStyle("#e58fb5", "h"),
-    AgentStyle("#94b000", "d"),
-    AgentStyle("#1c2f7a", "H"),
-    AgentStyle("#cf2b4a", "8"),
-    AgentStyle("#b49ae6", "p"),
-)
+_SPARE = (AgentStyle("#e58fb5", "h"), AgentStyle("#1c2f7a", "H"), AgentStyle("#b49ae6", "p"))
 
 
 def drawn(name: str) -> str:
@@ -93,7 +94,7 @@ def line_options(style: AgentStyle) -> dict[str, Any]:
         "color": style.color,
         "linestyle": style.dashes,
         "marker": style.marker,
-        "markersize": 4,
+        "markersize": 4 * style.scale,
         "markeredgewidth": 0,
         "linewidth": 1.6,
     }

@@ -33,6 +33,7 @@ _INTERVAL = ("worth_low", "worth_high")
 _FEW = 3  # largest number of agents whose overlapping bands are still distinguishable
 _SOME = 8  # largest number of agents that are drawn with lines of the usual width
 _MOST_ANSWERS = 2  # the axis of answers ends at this many answers per experiment of the budget
+_BETTER = {"worth": "higher is better", "gap": "lower is better"}
 _THEORY = Line2D([], [], color="#aab2bb", linewidth=3.2, label="random search, in theory")
 _START = Line2D([], [], color="#e1e6eb", linewidth=7, label="initial samples")
 _SEES_VALUES = Line2D([], [], color="#5d6874", linewidth=1.2, linestyle="--", label="sees values: at the end")
@@ -145,7 +146,7 @@ def summary(campaign: Campaign, rows: pd.DataFrame, settings: Sequence[Setting])
     budgets = " and ".join(map(str, sorted({s.n_max for s in settings})))
     theory = " and ".join(plain_number(value) for value in sorted(set(theories.values())))
     figure.supxlabel(
-        f"worth of the θ after {budgets} experiments, in random experiments\n"
+        f"worth of the θ after {budgets} experiments, in random experiments: {_BETTER['worth']}\n"
         f"dashed: random search in theory, {theory}; hollow: told values",
         fontsize=9,
     )
@@ -161,7 +162,12 @@ def _draw_ends(axes: Axes, ends: pd.DataFrame, styles: Mapping[str, AgentStyle])
             bar: Any = {"color": style.color, "linewidth": 2.4, "solid_capstyle": "butt", "zorder": 3}
             axes.plot(interval, [y, y], **bar)
         face, edge = ("white", style.color) if sees else (style.color, "white")
-        dot: Any = {"marker": style.marker, "markersize": 7, "markeredgewidth": 1.2, "zorder": 4}
+        dot: Any = {
+            "marker": style.marker,
+            "markersize": 7 * style.scale,
+            "markeredgewidth": 1.2,
+            "zorder": 4,
+        }
         axes.plot(row.worth, y, linestyle="none", color=face, markeredgecolor=edge, **dot)
         text = with_interval(row.worth, *interval)
         axes.annotate(text, (1.02, y), xycoords=where, va="center", color=INK, fontsize=8)
@@ -266,7 +272,12 @@ def _draw_end(axes: Axes, place: float, end: Float[np.ndarray, " 3"], style: Age
     """Draw the last values of a band at `place`, with a cap on an upper end that is apart."""
     (low, middle, high), color = end, style.color
     axes.vlines(place, low, high, color=color, linewidth=1.8, clip_on=False)
-    dot: Any = {"marker": style.marker, "linestyle": "none", "markersize": 4.5, "markeredgewidth": 0}
+    dot: Any = {
+        "marker": style.marker,
+        "linestyle": "none",
+        "markersize": 4.5 * style.scale,
+        "markeredgewidth": 0,
+    }
     axes.plot(place, middle, color=color, clip_on=False, **dot)
     if caps and high > 1.02 * middle:
         axes.plot(place, high, "_", color=color, markersize=5, markeredgewidth=1.6)
@@ -292,4 +303,4 @@ def _label(figure: Figure, grid: Sequence[Axes], what: str, value: str) -> None:
         if value == "worth":
             axes.tick_params(labelleft=i % columns == 0, labelbottom=i + columns >= len(grid))
     figure.supxlabel(what, fontsize=9.5)
-    figure.supylabel(f"{value} of the returned θ", fontsize=9.5)
+    figure.supylabel(f"{value} of the returned θ ({_BETTER[value]})", fontsize=9.5)

@@ -8,10 +8,11 @@ from PIL import Image
 
 from bench_support.campaigns import ends, grid, result
 from bench_support.worths import study, walks
+from prefcal_agents.registry import AGENTS as REGISTRY
 from prefcal_bench.cells.roster import AGENTS
 from prefcal_bench.results import figures
 from prefcal_bench.results.campaign import campaign_of
-from prefcal_bench.results.drawing import agent_styles, drawn
+from prefcal_bench.results.drawing import agent_styles, drawn, line_options
 from prefcal_bench.results.rows import worth_rows
 from prefcal_bench.results.statistics import random_search
 from prefcal_scenarios.style import png, style
@@ -81,6 +82,14 @@ def test_looks_do_not_depend_on_the_order_and_differ():
     assert len({style.marker for style in found.values()}) == len(names)
     many = agent_styles([f"agent {i}" for i in range(20)])
     assert len(set(many.values())) == 20
+
+
+def test_every_agent_of_the_project_has_a_look_of_its_own():
+    looks = agent_styles([*AGENTS, "mine.py:Mine"])
+    for row in REGISTRY:
+        assert agent_styles([row.name]) == {row.name: looks[row.name]}, "it is that of others, too"
+    assert len(set(looks.values())) == len(looks)
+    assert line_options(looks["Screening"])["markersize"] > 4  # a star of 4 points is not seen
 
 
 def test_gaps_at_the_floor_are_at_the_lower_end_which_says_so():
