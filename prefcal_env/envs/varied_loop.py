@@ -303,9 +303,9 @@ def _with_numbers(value: Any, values: Values) -> Any:
 # --- Sensors, actuators and the task of a closed loop of any plant and controller.
 
 _WEAR = (-0.5, 1.0)  # relative change of noise
-_NOISE, _GRAIN, _BIAS, _PLAY, _OFFSET = 0.002, 0.005, 0.01, 0.005, 0.5
-"""Largest noise of sensors without any, resolution and bias, as shares of the largest step; half backlash
-of actuators, as a share of the range; change of the operating point, as a share of the step."""
+_NOISE, _GRAIN, _BIAS, _PLAY, _OFFSET = 0.002, 0.005, 0.01, 0.01, 0.5
+"""Largest noise of sensors without any, resolution and bias, as shares of the largest step; backlash
+of actuators, the whole gap, as a share of the range; change of the operating point, as a share of the step."""
 NOISE, GRAIN, BIAS, PLAY, LOAD = (
     "noise",
     "resolution of sensors",
@@ -452,7 +452,7 @@ class VariedLoop:
         """Return the loop with these values."""
         plant = varied_plant(self.plant, values, self._later(values))
         spans = np.array([c.high - c.low for c in plant.inputs])
-        play = values.get(PLAY, 0.0) * np.where(np.isfinite(spans), spans, 0.0)
+        play = values.get(PLAY, 0.0) / 2 * np.where(np.isfinite(spans), spans, 0.0)
         grain = values.get(GRAIN, 0.0) * self._step
         return self.build(plant, self.task_of(plant, values), grain, play)
 
@@ -470,7 +470,8 @@ class VariedLoop:
             lag = _LAG * self._dominant
             yield Factor(LAG, "actuator", 0.0, 0.0, lag, self.plant.time_unit, possible=NOT_NEGATIVE)
         if self.wears:
-            yield Factor(PLAY, "actuator", 0.0, 0.0, _PLAY, "of the range", possible=NOT_NEGATIVE)
+            told = "usual, whole gap; inputs count behind it"
+            yield Factor(PLAY, "actuator", 0.0, 0.0, _PLAY, "of the range", possible=NOT_NEGATIVE, told=told)
         if self.jitters:
             yield Factor(JITTER, "sensor", 0.0, 0.0, _JITTER, "of the period", possible=(0.0, _MOST))
         if self.task.max_move is not None:

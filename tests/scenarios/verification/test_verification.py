@@ -648,7 +648,7 @@ def test_margins_as_kpis_are_those_of_the_varied_plant():
     for gain in (0.7, 1.0, 1.4):
         loop = subject.at({"gain of valve": gain}).source.function
         own = margins(loop.env.plant, loop.env.task, lambda: scenario.controller(theta))
-        worn = {"gain of valve": gain, "backlash": 0.005}
+        worn = {"gain of valve": gain, "backlash": 0.01}
         kpis = subject.at(worn)(theta).kpis
         found_M_s.append(kpis["M_s"])
         assert kpis["M_s"] == pytest.approx(own.M_s, rel=1e-3)
@@ -669,9 +669,30 @@ def test_a_varied_plant_at_rest_elsewhere_makes_no_move_at_the_start():
     assert total[0] == pytest.approx(total[1], rel=0.2)
 
 
+def test_backlash_is_the_whole_gap_and_half_of_it_is_applied_as_ever():
+    scenario = pid_scenario(HEATER)
+    subject, theta = found(scenario), scenario.references["MIGO"]
+    (factor,) = (f for f in subject.factors if f.name == "backlash")
+    assert (factor.low, factor.high, factor.unit) == (0.0, 0.01, "of the range")
+    assert factor.told == "usual, whole gap; inputs count behind it"
+    for share in np.random.default_rng(0).random(50).tolist():
+        worn = subject.at({"backlash": factor.value(share)}).function.controller(theta)
+        assert worn.play.tolist() == [share * 0.005 * 100.0]  # of a valve from 0 to 100 %, bit for bit
+    worn = subject.at({"backlash": 0.01}).function.controller(theta)
+    commands = 50.0, 49.9, 49.1, 48.9  # the gap of 1 % is taken up first
+
+    class Says:
+        T_s, move = 1.0, lambda self, m: Move(np.array([commands[int(m.t)]]))
+
+    worn.controller, u = Says(), np.array([40.0])
+    for k, valve in enumerate((49.5, 49.5, 49.5, 49.4)):
+        u = worn.move(Measurement(float(k), np.zeros(2), u, np.zeros(1), np.zeros(1), np.zeros(1))).u
+        assert u == pytest.approx([valve])
+
+
 def test_backlash_leaves_no_lasting_error_of_integral_action():
     scenario = pid_scenario(HEATER, horizon=6000.0)
-    made = found(scenario).at({"backlash": 0.005})(scenario.references["MIGO"])
+    made = found(scenario).at({"backlash": 0.01})(scenario.references["MIGO"])
     before = (made.t > 0.15 * made.duration) & (made.t < 0.5 * made.duration)  # of the load
     # It hunts within the play. An anti-windup that sees the gap leaves 0.3 °C.
     assert made.output(0)[before].mean() == pytest.approx(50.0, abs=0.01)
