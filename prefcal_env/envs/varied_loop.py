@@ -304,8 +304,8 @@ def _with_numbers(value: Any, values: Values) -> Any:
 
 _WEAR = (-0.5, 1.0)  # relative change of noise
 _NOISE, _GRAIN, _BIAS, _PLAY, _OFFSET = 0.002, 0.005, 0.01, 0.01, 0.5
-"""Largest noise of sensors without any, resolution and bias, as shares of the largest step; backlash
-of actuators, the whole gap, as a share of the range; change of the operating point, as a share of the step."""
+"""Largest noise of sensors without any, resolution and bias, as shares of the largest step; backlash of
+actuators, the whole gap, as a share of the range; change of the operating point, as a share of the step."""
 NOISE, GRAIN, BIAS, PLAY, LOAD = (
     "noise",
     "resolution of sensors",
