@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -302,9 +303,9 @@ def _with_numbers(value: Any, values: Values) -> Any:
 # --- Sensors, actuators and the task of a closed loop of any plant and controller.
 
 _WEAR = (-0.5, 1.0)  # relative change of noise
-_NOISE, _GRAIN, _BIAS, _PLAY, _OFFSET = 0.002, 0.005, 0.01, 0.005, 0.5
-"""Largest noise of sensors without any, resolution and bias, as shares of the largest step; half backlash
-of actuators, as a share of the range; change of the operating point, as a share of the step."""
+_NOISE, _GRAIN, _BIAS, _PLAY, _OFFSET = 0.002, 0.005, 0.01, 0.01, 0.5
+"""Largest noise of sensors without any, resolution and bias, as shares of the largest step; backlash of
+actuators, the whole gap, as a share of the range; change of the operating point, as a share of the step."""
 NOISE, GRAIN, BIAS, PLAY, LOAD = (
     "noise",
     "resolution of sensors",
@@ -318,6 +319,8 @@ JITTER, _JITTER, _MOST = "sampling jitter", 0.1, 0.49
 """Largest jitter, as a share of the period: the usual and the possible one."""
 MOVE, SHIFT, REFERENCE, DIRECTION = "rate of the actuators", "start", "size of the step", "direction"
 TURN, STEP = "direction of the load", "start, size and direction of the step"
+BIGGER, _SAMPLES = "a larger load", 501  # instants at which a function of time is looked at
+_LOADS = (BIGGER, 1 + SIZE), (TURN, -1.0)
 LARGER, AHEAD, BACK = "a larger step", "start and target moved ahead", "start and target moved back"
 STEPPED = (REFERENCE, SHIFT, DIRECTION)
 IDENTIFIED = "identified: "
@@ -436,10 +439,12 @@ class VariedLoop:
             ("dead time in the states (poles at 0)", "state it as a delay"): not waits,
             (MOVE, "none is stated"): self.task.max_move is not None,
             (LAG, "the record has that of the actuator in it"): sample_of(self.plant) is None,
-            ("size and direction of the load", "the task has no steps of one"): self._loaded,
+            (LOAD, "none acts: no disturbance of the task changes"): self._loaded,
             (JITTER, "a period has one length here"): self.jitters,
         }
-        left_out = (*said, *self.moves.left_out, *(row for row, there in missing.items() if not there))
+        loads = ((name, why) for name, size in _LOADS if (why := self._beyond_load(size)))
+        rows = (row for row, there in missing.items() if not there)
+        left_out = (*said, *self.moves.left_out, *loads, *rows)
         factors = (*factors_of(self.plant, self.task.measurement_delay), *self._others())
         return Varied(factors, left_out, self.at, self, self.unheld)
 
@@ -447,7 +452,7 @@ class VariedLoop:
         """Return the loop with these values."""
         plant = varied_plant(self.plant, values, self._later(values))
         spans = np.array([c.high - c.low for c in plant.inputs])
-        play = values.get(PLAY, 0.0) * np.where(np.isfinite(spans), spans, 0.0)
+        play = values.get(PLAY, 0.0) / 2 * np.where(np.isfinite(spans), spans, 0.0)
         grain = values.get(GRAIN, 0.0) * self._step
         return self.build(plant, self.task_of(plant, values), grain, play)
 
@@ -465,14 +470,17 @@ class VariedLoop:
             lag = _LAG * self._dominant
             yield Factor(LAG, "actuator", 0.0, 0.0, lag, self.plant.time_unit, possible=NOT_NEGATIVE)
         if self.wears:
-            yield Factor(PLAY, "actuator", 0.0, 0.0, _PLAY, "of the range", possible=NOT_NEGATIVE)
+            told = "usual, whole gap; inputs count behind it"
+            yield Factor(PLAY, "actuator", 0.0, 0.0, _PLAY, "of the range", possible=NOT_NEGATIVE, told=told)
         if self.jitters:
             yield Factor(JITTER, "sensor", 0.0, 0.0, _JITTER, "of the period", possible=(0.0, _MOST))
         if self.task.max_move is not None:
             yield Factor.around(MOVE, "actuator", SIZE, possible=(LEAST, np.inf))
         if self._loaded:
-            yield Factor.around(LOAD, "task", SIZE, possible=NOT_NEGATIVE)
-            yield Factor(TURN, "task", 1.0, -1.0, 1.0, ends=True)
+            more = 0.0 if self._beyond_load(1 + SIZE) else SIZE
+            yield Factor.around(LOAD, "task", (-SIZE, more), possible=NOT_NEGATIVE)
+            if not self._beyond_load(-1.0):
+                yield Factor(TURN, "task", 1.0, -1.0, 1.0, ends=True)
         yield from self._steps() if self.moves.names else ()
 
     def _steps(self) -> Iterator[Factor]:
@@ -527,8 +535,24 @@ class VariedLoop:
         return found, f"{IDENTIFIED}the noise of {sample.record}, {sample.noise:.2g} {unit}".rstrip()
 
     @property
+    def _loads(self) -> Float[np.ndarray, "K n_d"]:
+        """Return how far the disturbances are from their start, a row for each time when they may change."""
+        rows = np.array([self.task.disturbance(t) for t in _times(self.task.d, self.task)])
+        return np.asarray(rows - rows[0])
+
+    @property
     def _loaded(self) -> bool:
-        return isinstance(self.task.d, StepSignal) and bool(self.task.d.steps)
+        return bool(self._loads.any())
+
+    def _beyond_load(self, size: float) -> str:
+        """Return which disturbance would be beyond its limit with `size` times the load; "" if none."""
+        start, loads = self.task.disturbance(0.0), self._loads
+        for c, first, load in zip(self.plant.disturbances, start, loads.T, strict=True):
+            ends = (float(first + part * load[np.abs(load).argmax()]) for part in (1.0, size))
+            stated, wanted = ((_beyond(c, end), end) for end in ends)
+            if wanted[0] and not stated[0]:
+                return f"{c.name} would go to {_in(wanted[1], c)}, beyond its limit of {wanted[0]}"
+        return ""
 
     @property
     def _dominant(self) -> float:
@@ -563,26 +587,23 @@ class VariedLoop:
     @property
     def _step(self) -> Y:
         """Largest change of each output's reference, from the start, shape (n_y,); 0 for none."""
-        y_ref = self.task.y_ref
-        times = [0.0, *(t for t, _ in y_ref.steps)] if isinstance(y_ref, StepSignal) else [0.0]
+        times = _times(self.task.y_ref, self.task)
         changes = np.array([np.abs(self.task.reference(t) - self.start) for t in times])
         return np.asarray(np.nan_to_num(changes).max(axis=0))
 
     def task_of(self, plant: Plant, values: Values) -> Task:
         """Return the task of a varied plant, which starts at rest, with other noise, rate, load and step."""
-        task, d = self.task, self.task.d
+        task, d, size = self.task, self.task.d, values.get(LOAD, 1.0) * values.get(TURN, 1.0)
         if self._noisy:
             noise = values.get(NOISE, 1.0) * np.asarray(task.noise)
         else:
             noise = values.get(NOISE, 0.0) * self._step
-        load = values.get(LOAD, 1.0) * values.get(TURN, 1.0)
-        if load != 1.0 and isinstance(d, StepSignal):
-            d = _scaled(d, np.asarray(d.start, dtype=float), load)
+        if size != 1.0 and callable(d):
+            d = _scaled(d, task.disturbance(0.0), size)
         x0, u0 = self._rest(plant, values.get(SHIFT, 0.0))
         y_ref: Signal = task.y_ref
-        if self.moves.names and not callable(y_ref):
-            y_ref = StepSignal(y_ref, ())
-        if self.moves.names and isinstance(y_ref, StepSignal):
+        if self.moves.names:
+            y_ref = y_ref if callable(y_ref) else StepSignal(y_ref)
             size = values.get(REFERENCE, 1.0) * values.get(DIRECTION, 1.0)
             y_ref = _scaled(y_ref, self.start, size, plant.g(x0, u0, task.disturbance(0.0)) - self.start)
         moves = None if task.max_move is None else task.max_move * values.get(MOVE, 1.0)
@@ -659,13 +680,25 @@ def _outside(plant: Plant, u: U) -> list[int]:
     return [k for k, (c, v, near) in pairs if not c.low - near <= v <= c.high + near]
 
 
+def _times(signal: Signal | None, task: Task) -> list[float]:
+    """Return the times at which a signal may change: its steps, or many of another function of time."""
+    if isinstance(signal, StepSignal):
+        return [0.0, *(t for t, _ in signal.steps)]
+    return [*map(float, np.linspace(0.0, task.horizon, _SAMPLES if callable(signal) else 1))]
+
+
 def _scaled(
-    signal: StepSignal, around: np.ndarray, size: float, shift: np.ndarray | float = 0.0
-) -> StepSignal:
+    signal: Callable[[float], Any], around: np.ndarray, size: float, shift: np.ndarray | float = 0.0
+) -> Callable[[float], np.ndarray]:
     """Return a signal whose distance from some values is multiplied by `size`, and that is shifted."""
-    steps = [(0.0, signal.start), *signal.steps]
-    (_, start), *later = ((t, around + size * (np.asarray(v) - around) + shift) for t, v in steps)
-    return StepSignal(start, tuple(later))
+    moved = partial(_moved, around, size, shift)
+    if isinstance(signal, StepSignal):
+        return StepSignal(moved(signal.start), tuple((t, moved(v)) for t, v in signal.steps))
+    return lambda t: moved(signal(t))
+
+
+def _moved(around: np.ndarray, size: float, shift: np.ndarray | float, values: Any) -> np.ndarray:
+    return np.asarray(around + size * (np.asarray(values) - around) + shift)
 
 
 class Worn:

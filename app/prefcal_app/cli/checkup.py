@@ -16,7 +16,7 @@ from rich.table import Table
 from rich.text import Text
 from typer import echo
 
-from prefcal_app.report.export import jsonable
+from prefcal_app.report.export import STATE_SETTINGS, jsonable
 from prefcal_app.terminal.showing import say
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Channels, End, Experiment, check_returned
@@ -29,7 +29,7 @@ from prefcal_env.wording import as_exception, in_words, locate
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.described.description import words_of
 from prefcal_scenarios.isolated import isolation
-from prefcal_scenarios.names import BUILT_IN, CLOSED_LOOPS
+from prefcal_scenarios.names import BUILT_IN, CLOSED_LOOPS, is_described, is_own
 from prefcal_scenarios.runs import grouped
 from prefcal_scenarios.scenario import (
     Scenario,
@@ -85,6 +85,7 @@ class Checkup:
     scenario: Scenario
     theta: Float[np.ndarray, " n"]  # θ of the trial run, physical, shape (n,)
     experiment: Experiment | None = None
+    in_python: bool = False  # whether a person's Python file states the scenario
     findings: list[Finding] = field(default_factory=list)
     clock: Callable[[], float] = time.perf_counter  # returns the time in seconds
     took: float = 0.0  # duration of the trial run, in seconds
@@ -284,6 +285,9 @@ class Checkup:
             settings = self.scenario.settings(self.theta.copy())
             json.dumps(jsonable(settings), allow_nan=False)
             yield Finding("settings", True, f"{len(settings)} for the export")
+        elif self.in_python and not self.scenario.source.asks:
+            none = "none, so best.json will hold no controller, and prefcal export cannot write it"
+            yield Finding("settings", None, f"{none}: {STATE_SETTINGS}")
 
     def _stored(self) -> Iterator[Finding]:
         content = encode(self._ran())
@@ -301,7 +305,7 @@ def run(typed: Mapping[str, Any]) -> int:
         except Exception as error:  # raised by the user's file: report it as a finding
             return _end(source, None, [_failed("scenario", error)], None, as_json=options.json)
         theta = start_of(options.theta or "", scenario) if middle is None else middle
-        checkup = Checkup(scenario, theta)
+        checkup = Checkup(scenario, theta, in_python=is_own(source) and not is_described(source))
         picture = picture_at(options.out or f"check-{scenario.name}.png")
         with Console(stderr=True, emoji=False).status("") as status:
             checkup.check(status.update)

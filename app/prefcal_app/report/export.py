@@ -180,6 +180,11 @@ def load_controller(path: str | Path, *, check: bool = True) -> Controller:
     return made
 
 
+STATE_SETTINGS = (
+    "state settings=lambda theta: as_data(make(theta)) in the Scenario of its Python file, with as_data of "
+    "prefcal_env.controllers and make(theta) its PID, LQR, LQG or LinearMPC"
+)
+"""How best.json gets a controller that the scenario does not state."""
 FORMS = "forms"
 """Word for the numbers of a PID in each form, beside those of `LANGUAGES`."""
 
@@ -211,23 +216,34 @@ def export_controller(
         raise ScenarioError(f"theta in {str(path)!r} must be a table of numbers, got {theta!r:.200}")
     refuse_outdated(Path(path), content)
     channels, described, held = _channels_of(content), _described(content, path), holds(Path(path))
+    if described is None:
+        raise ScenarioError(_undescribed(content, path))
     if to == FORMS:
-        settings, units = {} if described is None else as_data(described), content.get("units", {})
-        found = pid_forms(settings, units, channels.time_unit, shown=time, spans=spans)
+        found = pid_forms(
+            as_data(described), content.get("units", {}), channels.time_unit, shown=time, spans=spans
+        )
         if not found:
             raise SettingsError(f"only a PID has forms; {str(path)!r} holds another controller")
         return f"{held}\n{_as_text(found)}"
     if time or spans is not None:
         raise SettingsError(f"units of time and ranges are for {FORMS!r} only: code has those of the plant")
-    if described is None:
-        raise ScenarioError(
-            f"the settings in {str(path)!r} describe no PID, LQR, LQG or LinearMPC, and export executes "
-            "no scenario to make one. If it is one, write it in Python, with "
-            "prefcal_env.controllers.as_code and load_controller, which does"
-        )
     _check_channels(as_data(described), channels, path)
     return as_code(
         described, to, channels, name=name or "tuned", about=_about(content, channels, digest, held)
+    )
+
+
+def _undescribed(content: Mapping[str, Any], path: str | Path) -> str:
+    """Return why a best.json has no controller to write, and how it gets one."""
+    if not content["settings"]:
+        return (
+            f"{str(path)!r} holds no controller, since its scenario states no settings: {STATE_SETTINGS}, "
+            "and write the report of its study again (prefcal report STUDY)"
+        )
+    return (
+        f"the settings in {str(path)!r} describe no PID, LQR, LQG or LinearMPC, and export executes no "
+        "scenario to make one. If it is one, write it in Python, with prefcal_env.controllers.as_code and "
+        "load_controller, which does"
     )
 
 

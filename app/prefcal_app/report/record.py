@@ -1,6 +1,7 @@
 """A study as its report tells it: its record, its tables, and who may write to its folder."""
 
 import csv
+import inspect
 import io
 import json
 import shlex
@@ -24,6 +25,7 @@ from prefcal_app.view.end import FIRST, gain_view, gained, pid_rows
 from prefcal_app.view.question import cell, column, judged, row, table, theta_texts, theta_view
 from prefcal_env.controllers.forms import ANTI_WINDUP, BOTH, SERIES, PIDParameter
 from prefcal_env.controllers.margins import Margins
+from prefcal_env.controllers.stored import kind_of
 from prefcal_env.errors import PrefcalError, SettingsError, StaleError, StudyError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.panels import named
@@ -32,6 +34,8 @@ from prefcal_env.preferences.answer import Comparison, Preference
 from prefcal_env.sources.source import plant_of
 from prefcal_env.study import StudyFile, space_of, study_path, to_text
 from prefcal_env.wording import in_words, locate
+from prefcal_scenarios.names import is_described, is_own
+from prefcal_scenarios.own import file_in, split_source
 from prefcal_scenarios.runs import WORST, grouped
 from prefcal_scenarios.scenario import KPI, Scenario
 from prefcal_scenarios.verification.loop_margins import UNKNOWN, margins_at
@@ -573,6 +577,36 @@ def pid_text(record: StudyRecord) -> str:
         f"Parallel form: K_i and K_d in place of K_p/T_i and K_p T_d. Series form: {series or 'none'}. "
         f"{ANTI_WINDUP} Action: {', '.join(actions)}.{f' Not tuned: {rest}.' if rest else ''}"
     )
+
+
+def controller_text(record: StudyRecord) -> str:
+    """Return which controller is tuned, and where it is; empty of a PID with forms, and if nobody knows."""
+    scenario, source = record.scenario, record.scenario.source
+    settings = {} if scenario.settings is None else scenario.settings(record.result.experiment.theta)
+    if pid_forms_of(record) or source.asks:
+        return ""
+    if kind_of(kind := settings.get("controller")) and "model" in (settings.get("lqr") or settings):
+        return f"{kind}{_sampled(record)}; complete in best.json."
+    if not is_own(record.source) or is_described(record.source):
+        return ""
+    made = scenario.controller or source.controller
+    made, path = getattr(made, "func", made), file_in(split_source(record.source)[0])[0]  # func of a partial
+    with suppress(TypeError, OSError):  # of a callable object there is no source
+        path = Path((made and inspect.getsourcefile(made)) or path or "")
+    name = getattr(made, "__qualname__", "<")
+    which = "" if "<" in name else f", {'class' if inspect.isclass(made) else 'function'} {name}"
+    where = f" in {path.name}{which}" if path else which
+    kept = "only its settings are" if settings else "not"
+    return f"Code{where}{_sampled(record)}; form and action as written there; {kept} in best.json."
+
+
+def _sampled(record: StudyRecord) -> str:
+    """Return how often the result moves, after other words; "" if that differs."""
+    e = record.result.experiment
+    periods = np.diff(e.t_control)
+    if not len(periods) or not np.allclose(periods, periods[0]):
+        return ""
+    return f", sampled every {with_unit(number(float(f'{periods[0]:.6g}')), e.channels.time_unit)}"
 
 
 def result_columns(record: StudyRecord) -> dict[str, Experiment]:

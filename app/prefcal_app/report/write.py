@@ -81,6 +81,7 @@ from .record import (
     StudyRecord,
     comparison_table,
     comparisons_as_csv,
+    controller_text,
     experiment_table,
     foremost,
     gain_of,
@@ -206,6 +207,7 @@ def answers(record: StudyRecord) -> Answers:
         or "It is the best by the answers, each of which is in comparisons.csv.",
         "Robust study": " ".join(record.robust),
         "The PID": pid_text(record),
+        "The controller": controller_text(record),
         "On the plant": kept_text(record.kept),
         "The way back": _back(record),
     }

@@ -13,6 +13,7 @@ from prefcal_env.controllers.margins import UNSTABLE, Margins
 from prefcal_env.envs.varied_loop import (
     AHEAD,
     BACK,
+    BIGGER,
     DIRECTION,
     IDENTIFIED,
     LARGER,
@@ -51,8 +52,8 @@ _MUCH = 0.1  # share of the room to a limit from which on a factor is told to us
 CHANCE = 5  # runs that a relaxed limit must gain: fewer can as well be chance, 1/2 to the power of 5 is 3 %
 RANGE_0 = "its range is 0"
 """Why something does not vary that somebody left out."""
-_OF_STEP = (STEP, LARGER, AHEAD, BACK, DIRECTION)
-"""What of the step may not vary."""
+_OF_TASK = (STEP, LARGER, AHEAD, BACK, DIRECTION, BIGGER, TURN)
+"""What of step and load may not vary."""
 _TASK = {REFERENCE: "target", SHIFT: "start", DIRECTION: "target", LOAD: "load", TURN: "load"}
 """What is stated of a task, by the name of the factor that varies it."""
 
@@ -241,7 +242,7 @@ class Verification:
         still = [
             f"{name}, which fails nominally" if why.startswith("turned,") else name
             for name, why in self.left_out
-            if why == RANGE_0 or name in (*_OF_STEP, TURN)
+            if why == RANGE_0 or name in _OF_TASK
         ]
         return f"{said}; not varied: {', '.join(still)}" if still else said
 

@@ -65,6 +65,19 @@ own = replace(t.toy, run=idle)
     assert not [c for c in result["checks"] if c["what"].startswith("knob ")]
 
 
+def test_an_own_file_without_settings_is_told_that_nothing_can_be_exported(check, prefcal):
+    code, result = check("own = replace(t.toy, settings=None)")
+    ok, words = found(result, "settings")
+    assert (code, ok) == (0, None)  # a note, no error
+    assert words.startswith(
+        "none, so best.json will hold no controller, and prefcal export cannot write it: "
+    )
+    assert "settings=lambda theta: as_data(make(theta))" in words
+    assert found(check("own = t.toy")[1], "settings")[0] is True
+    _, out, _ = prefcal("check", "lag", "--json")  # nobody can add to what is built in
+    assert "settings" not in [c["what"] for c in json.loads(out)["checks"]]
+
+
 def test_a_loop_that_is_not_stable_has_no_margin_rather_than_a_missed_one(check):
     text = """
 kpi = KPI("M_s", "M_s", at_most=2.0, better="lower", margin=True)

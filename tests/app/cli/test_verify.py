@@ -46,7 +46,7 @@ def test_a_table_beside_the_tuning_before_with_statement_margins_and_worst_runs(
         "Worst runs:",
         "what varied between range is time constant of 0.9 to 1.1 usual temperature",
         "range of valve 0.9 to 1 usual, no effect alone",
-        "backlash 0 to 0.005 of the range usual",
+        "backlash 0 to 0.01 of the range usual, whole gap;",
         "what was not varied why",
         "sampling jitter a period has one length here",
         "Kept in",

@@ -2,6 +2,7 @@
 
 import json
 import re
+import runpy
 import subprocess
 from dataclasses import replace
 
@@ -9,8 +10,9 @@ import numpy as np
 import pytest
 
 from prefcal_app.report.export import best_as_json
-from prefcal_app.report.write import limits_kept, resting, sheet, sheet_of
+from prefcal_app.report.write import answers, limits_kept, resting, sheet, sheet_of
 from prefcal_app.view.end import CURRENT
+from prefcal_env.controllers import LQR, as_data
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.plants.plant import Plant
 from prefcal_scenarios import KPI, load
@@ -159,6 +161,39 @@ def test_names_are_escaped():
 @pytest.mark.parametrize("change", [lambda record: record, crowded], ids=["usual", "crowded"])
 def test_the_sheet_prints_on_two_pages_at_most(tmp_path, change):
     assert pages_of(sheet(change(toy_record()), FOUND), tmp_path) <= 2
+
+
+def test_the_sheet_names_the_controller_that_is_code_of_ones_own(tmp_path):
+    record = toy_record()
+    e = record.result.experiment
+    often = f"sampled every {e.t_control[1] - e.t_control[0]:.4g} h; form and action as written there"
+    rows = dict(answers(record))
+    assert rows["The controller"] == (
+        f"Code in toy_scenario.py, class Proportional, {often}; only its settings are in best.json."
+    )
+    (tmp_path / "tank.py").write_text(
+        "from functools import partial\nfrom prefcal_env import PID\n"
+        "def pi(theta, T_i):\n    return PID(theta[0], T_i, T_s=1.0)\n"
+        "made = partial(pi, T_i=3.0)\nnameless = lambda theta: pi(theta, 3.0)\n"
+    )
+    own = runpy.run_path(str(tmp_path / "tank.py"))
+    for made, name in ((own["made"], ", function pi"), (own["nameless"], ""), (None, "")):
+        scenario = replace(record.scenario, controller=made, settings=None)
+        here = replace(record, scenario=scenario, source=f"{tmp_path / 'tank.py'}:tank")
+        assert dict(answers(here))["The controller"] == f"Code in tank.py{name}, {often}; not in best.json."
+
+
+def test_the_sheet_names_a_controller_that_best_json_holds_and_a_pid_by_its_forms_alone():
+    record = toy_record()
+    lqr = as_data(LQR(Plant.of(([1.0], [1, 1])), [1.0], [1.0], T_s=0.1))
+    held = replace(record, scenario=replace(record.scenario, settings=lambda theta: lqr))
+    assert re.fullmatch(
+        r"LQR, sampled every [\d.]+ h; complete in best\.json\.", dict(answers(held))["The controller"]
+    )
+    pid = dict(answers(replace(record, scenario=replace(record.scenario, settings=lambda t: PID_SETTINGS))))
+    assert "The PID" in pid
+    assert "The controller" not in pid
+    assert "The controller" not in dict(answers(replace(record, source="lag")))
 
 
 def test_symbols_in_the_forms_of_a_pid_are_set_as_all_others():

@@ -836,7 +836,7 @@ def test_a_change_of_a_kind_scales_usual_ranges_and_leaves_two_values_alone():
     same = lows_and_highs("lag", {"parameter": 0.1, "sensor": 1, "actuator": 0.1, "task": 0.2})
     assert all(same[name] == pytest.approx(ends) for name, ends in usual.items())
     wide = lows_and_highs("lag", {"actuator": 0.2, "sensor": 0.5, "task": 0.1, "parameter": (0, 0.2)})
-    assert wide["backlash"] == (0, 0.01)
+    assert wide["backlash"] == (0, 0.02)
     assert wide["range of valve"] == pytest.approx((0.8, 1.0))
     assert wide["noise"] == (0.75, 1.5)
     assert wide["resolution of sensors"] == (0, 0.0025)

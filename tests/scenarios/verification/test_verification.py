@@ -20,6 +20,7 @@ from prefcal_env import (
 )
 from prefcal_env.controllers.margins import MarginKPIs, margins
 from prefcal_env.disk import digest_of
+from prefcal_env.envs.task import StepSignal
 from prefcal_env.envs.varied_loop import DIRECTION, ScaledPlant, Worn, factors_of, varied_plant
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Channel, End, Measurement, Move
@@ -35,7 +36,7 @@ from prefcal_scenarios.described.pid_scenario import pid_scenario
 from prefcal_scenarios.names import CLOSED_LOOPS
 from prefcal_scenarios.verification import verify
 from prefcal_scenarios.verification.loop_margins import margins_at, margins_said, remaining
-from prefcal_scenarios.verification.result import VerifiedRun
+from prefcal_scenarios.verification.result import Robustness, Verification, VerifiedRun
 from prefcal_scenarios.verification.said import BEST, FILE, Verified, WorstRun
 from prefcal_scenarios.verification.varied_runs import Perturbed, robustly, which_keep
 from prefcal_scenarios.wording import measured
@@ -209,6 +210,86 @@ def test_start_size_and_direction_of_the_step_vary_and_kpis_are_measured_by_the_
     assert turned.kpis["disturbance_peak"] == pytest.approx(nominal.kpis["disturbance_peak"], rel=0.02)
     before = nominal.u[len(nominal.u) // 2 - 5]
     assert turned.u[-1] - before == pytest.approx(before - nominal.u[-1], rel=0.01)
+
+
+def drawn_from(d, y_ref=lambda t: np.array([1.2]), **channel):
+    """Return a tank whose reference and draw are as given, functions of time or not."""
+    plant = FunctionPlant(
+        lambda x, u, d: [(u[0] - 40.0 * max(x[0], 0.0) ** 0.5 - d[0]) / 1000.0],
+        states=[Channel("level", "m", target=1.2)],
+        inputs=[Channel("valve", "%", 0, 100)],
+        disturbances=[Channel("draw", "L/s", **channel)],
+    )
+    task = Task(x0=np.ones(1), u0=np.array([40.0]), y_ref=y_ref, horizon=400.0, d=d)
+    loop = ClosedLoop(PlantEnv(plant, task), lambda theta: PID(theta[0], 30.0, T_s=1.0))
+    return found(Scenario("tank", "A tank", KnobSpace([Knob("K_p", 1.0, 500.0)]), loop))
+
+
+def test_a_load_that_is_any_function_of_time_varies_around_its_value_at_the_start():
+    stepped = drawn_from(StepSignal((2.0,), ((200.0, (12.0,)),)))
+    function = drawn_from(lambda t: np.array([12.0 if t >= 200.0 else 2.0]))
+    for subject in (stepped, function):
+        varied = {f.name: (f.low, f.high) for f in subject.factors if f.kind == "task"}
+        assert varied == {"size of the load": (0.8, 1.2), "direction of the load": (-1.0, 1.0)}
+        assert "load" not in " ".join(dict(subject.left_out))
+        for values, after in (
+            ({}, 12.0),
+            ({"size of the load": 1.2}, 14.0),
+            ({"size of the load": 0.8, "direction of the load": -1.0}, -6.0),
+        ):
+            task = subject.at(values).function.env.task
+            assert task.disturbance(199.0) == pytest.approx([2.0])
+            assert task.disturbance(200.0) == pytest.approx([after])
+    runs = [s.at({"size of the load": 1.2})(np.array([50.0])) for s in (stepped, function)]
+    np.testing.assert_array_equal(runs[0].y, runs[1].y)
+    assert np.abs(runs[1].y - function.at({})(np.array([50.0])).y).max() > 1e-3
+
+
+@pytest.mark.parametrize("d", [np.array([2.0]), lambda t: np.array([2.0]), StepSignal((2.0,))])
+def test_a_disturbance_that_never_changes_is_no_load(d):
+    subject = drawn_from(d)
+    assert not any(f.kind == "task" for f in subject.factors)
+    said = "none acts: no disturbance of the task changes"
+    assert dict(subject.left_out)["size of the load"] == said
+    loads = {"calm": subject.loop, "load": drawn_from(lambda t: np.array([t])).loop}
+    both = Maneuvers({k: ClosedLoop(PlantEnv(e.plant, e.task), e.controller) for k, e in loads.items()})
+    assert said not in dict(both.varied().left_out).values()  # in one of them it does act
+
+
+def test_a_load_varies_within_the_limits_of_its_disturbance_and_the_verdict_says_so():
+    def d(t):
+        return np.array([12.0 if t >= 200.0 else 2.0])
+
+    subject = drawn_from(d, low=0.0, high=13.0)
+    assert [(f.name, f.low, f.high) for f in subject.factors if f.kind == "task"] == [
+        ("size of the load", 0.8, 1.0)
+    ]
+    left_out = dict(subject.left_out)
+    assert left_out["a larger load"] == "draw would go to 14 L/s, beyond its limit of 13 L/s"
+    assert left_out["direction of the load"] == "draw would go to −8 L/s, beyond its limit of 0 L/s"
+    nominal = VerifiedRun({}, 0, End.TIME_UP, {})
+    tuning = Robustness(np.ones(1), nominal, "", (nominal,))
+    judged = Verification("tank", (), subject.factors, subject.left_out, 1, tuning, None, ())
+    left = "start, size and direction of the step, a larger load, direction of the load."
+    assert f"1 of 1 runs end safely; not varied: {left}" in judged.headline
+    beyond = drawn_from(d, low=0.0, high=11.0)  # what the task itself does not keep is no limit
+    highest = {f.name: f.high for f in beyond.factors if f.kind == "task"}
+    assert highest == {"size of the load": 1.2, "direction of the load": 1.0}
+
+
+def test_a_reference_that_is_a_function_of_time_is_the_step_that_varies_and_that_shares_refer_to():
+    scenario = pid_scenario(HEATER)
+    own, theta = scenario.run.env, scenario.references["MIGO"]
+    target = own.task.reference(0.0)
+    moving = PlantEnv(own.plant, replace(own.task, y_ref=lambda t: target))
+    other = replace(scenario, run=ClosedLoop(moving, scenario.controller, scenario.run.kpis))
+    for values in ({}, {"size of the step": 1.2, "start": 0.1, "direction": -1.0, "noise": 0.001}):
+        made = [found(each).at(values)(theta) for each in (scenario, other)]
+        np.testing.assert_allclose(made[0].y_ref, made[1].y_ref)
+        np.testing.assert_allclose(made[0].y, made[1].y, atol=1e-6)
+    late = drawn_from(np.zeros(1), lambda t: np.array([1.5 if t >= 50.0 else 1.0]))
+    bias = late.at({"bias of sensors": 0.01}).function.env.task.bias
+    assert bias == pytest.approx([0.005])  # of the step of 0.5 m, which comes later
 
 
 def near(low, high, valve=(0.0, 100.0)):
@@ -567,7 +648,7 @@ def test_margins_as_kpis_are_those_of_the_varied_plant():
     for gain in (0.7, 1.0, 1.4):
         loop = subject.at({"gain of valve": gain}).source.function
         own = margins(loop.env.plant, loop.env.task, lambda: scenario.controller(theta))
-        worn = {"gain of valve": gain, "backlash": 0.005}
+        worn = {"gain of valve": gain, "backlash": 0.01}
         kpis = subject.at(worn)(theta).kpis
         found_M_s.append(kpis["M_s"])
         assert kpis["M_s"] == pytest.approx(own.M_s, rel=1e-3)
@@ -588,9 +669,30 @@ def test_a_varied_plant_at_rest_elsewhere_makes_no_move_at_the_start():
     assert total[0] == pytest.approx(total[1], rel=0.2)
 
 
+def test_backlash_is_the_whole_gap_and_half_of_it_is_applied_as_ever():
+    scenario = pid_scenario(HEATER)
+    subject, theta = found(scenario), scenario.references["MIGO"]
+    (factor,) = (f for f in subject.factors if f.name == "backlash")
+    assert (factor.low, factor.high, factor.unit) == (0.0, 0.01, "of the range")
+    assert factor.told == "usual, whole gap; inputs count behind it"
+    for share in np.random.default_rng(0).random(50).tolist():
+        worn = subject.at({"backlash": factor.value(share)}).function.controller(theta)
+        assert worn.play.tolist() == [share * 0.005 * 100.0]  # of a valve from 0 to 100 %, bit for bit
+    worn = subject.at({"backlash": 0.01}).function.controller(theta)
+    commands = 50.0, 49.9, 49.1, 48.9  # the gap of 1 % is taken up first
+
+    class Says:
+        T_s, move = 1.0, lambda self, m: Move(np.array([commands[int(m.t)]]))
+
+    worn.controller, u = Says(), np.array([40.0])
+    for k, valve in enumerate((49.5, 49.5, 49.5, 49.4)):
+        u = worn.move(Measurement(float(k), np.zeros(2), u, np.zeros(1), np.zeros(1), np.zeros(1))).u
+        assert u == pytest.approx([valve])
+
+
 def test_backlash_leaves_no_lasting_error_of_integral_action():
     scenario = pid_scenario(HEATER, horizon=6000.0)
-    made = found(scenario).at({"backlash": 0.005})(scenario.references["MIGO"])
+    made = found(scenario).at({"backlash": 0.01})(scenario.references["MIGO"])
     before = (made.t > 0.15 * made.duration) & (made.t < 0.5 * made.duration)  # of the load
     # It hunts within the play. An anti-windup that sees the gap leaves 0.3 °C.
     assert made.output(0)[before].mean() == pytest.approx(50.0, abs=0.01)
