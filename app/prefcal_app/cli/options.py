@@ -51,7 +51,8 @@ class Described:
             (A, B, C, D), or the record of a step test (see `prefcal identify`).
         limit: Limit of a KPI or margin, for example "overshoot <= 2.5 %" or "phase_margin >= 45": its
             name, as in `prefcal check`, or its title, <= or >=, a number with a decimal point, and a unit.
-            Repeat the option for more.
+            Repeat the option for more. It is for standard controllers (--plant), TOML files and FMUs; your
+            own Python file states limits itself, as KPI(..., at_most=...), and verify takes it for any.
         stop_time: Duration of an experiment, in the model's unit of time.
         config: Configuration of the scenario, for example the road and traffic of overtake.
         run_timeout: Time limit for one run of your own scenario; a longer run is ended and counts
