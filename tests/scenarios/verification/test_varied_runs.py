@@ -539,7 +539,9 @@ def test_between_which_values_an_output_starts_and_is_sent_is_said_in_its_unit()
     told = {f.name: f.told for f in scenario.source.varied().factors}
     assert told["start"] == "usual, T from −5 to 5 °C"
     # Each alone: what the text says holds whichever of the others somebody leaves out.
-    assert told["size of the step"] == "usual, alone: targets of T from 8 to 12 °C"
+    assert told["size of the step"] == (
+        "usual, step of T by 10 °C at the start; alone: targets from 8 to 12 °C"
+    )
     assert told["direction"] == "usual, alone: target of T at −10 °C"
 
 
@@ -853,9 +855,12 @@ def test_a_change_of_a_kind_scales_usual_ranges_and_leaves_two_values_alone():
     ("ranges", "says"),
     [
         ({"dead time": (-2, 0)}, "'dead time' would be -6 to 6 s, but only 0 to inf is possible"),
-        ({"parameter": 1.5}, "'time constant of temperature' would be -0.5 to 2.5, but only 0.01 to inf"),
-        ({"sensor": 3}, "'noise' would be -0.5 to 4, but only 0 to inf"),
-        ({"range of valve": 0.2}, "would be 0.8 to 1.2, but only 0.01 to 1"),
+        (
+            {"parameter": 1.5},
+            "'time constant of temperature' would be -0.5 to 2.5 times the modeled, but only 0.01 to inf",
+        ),
+        ({"sensor": 3}, "'noise' would be -0.5 to 4 times the stated, but only 0 to inf"),
+        ({"range of valve": 0.2}, "would be 0.8 to 1.2 times the stated, but only 0.01 to 1"),
         ({"backlash": 0.2}, "'backlash' would be -0.2 to 0.2"),
         ({"direction": 0.1}, "'direction' is -1 or 1: only 0"),
     ],
