@@ -99,6 +99,14 @@ def test_what_doubles_a_kpi_comes_before_what_only_goes_further_beyond_its_range
         "noise (0 to 0.04 of the step): total move 58 → 802 %",
         "mass (0.9 to 1.1): M_s 1.78 → 1.9",
     )
+    # Both are nominally outside of their own ranges, as no varied run is without noise.
+    outside = "Nominal values outside of 5 to 95 %: total move, ratio, since the nominal run has no noise."
+    said = Verified.of(found, SPRING, "", "1.0", "")
+    assert said.outside == outside
+    title, _, nominal, low, _ = said.kpis[1]
+    assert (title, nominal) == ("total move [%]", "58")
+    assert float(low) > 58
+    assert Verified.of(verify(SPRING, THETA, 100, jobs=1), SPRING, "", "1.0", "").outside == ""
     # No limit says how much noise may move a valve: so it is said beside the verdict.
     assert " Noise alone takes total move from 58 to 802 %." in found.headline
     calm = verify(replace(SPRING, run=Noisy(), kpis=kpis), THETA, 20, ranges={NOISE: [0, 0.01]}, jobs=1)
