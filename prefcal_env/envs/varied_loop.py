@@ -11,7 +11,7 @@ from jaxtyping import Float
 from prefcal_env.errors import PlantError
 from prefcal_env.experiments.experiment import Channel, Controller, Measurement, Move
 from prefcal_env.plants.jacobians import D, Jacobians, States, Times, U, X, Y
-from prefcal_env.plants.plant import Disturbed, Plant
+from prefcal_env.plants.plant import ADDED, Disturbed, Plant
 from prefcal_env.plants.systems import DEAD_TIMES, Ensemble, LinearPlant, local_system, scale_times
 from prefcal_env.sources.source import Source, Varied
 from prefcal_env.sources.varied import (
@@ -94,6 +94,7 @@ def at_rest(plant: Plant, x: X, u: U, d: Float[np.ndarray, " n_d"]) -> bool:
 # --- What varies of a plant: its parameters, dead time and the ranges of its inputs.
 
 SPEED, DELAY = "all time constants", "dead time"
+MODELED, STATED = "times the modeled", "times the stated"  # units of what is multiplied by its factor
 AT_ZERO = 1e-3  # magnitude below which a discrete pole is one at 0
 _NOT_PARAMETERS = ("max_step", "dead_time")
 
@@ -130,7 +131,7 @@ def factors_of(plant: Plant, measuring: float | Sequence[float] = 0.0) -> Iterat
         yield from _parameters(own, measuring)
     for c in plant.inputs:
         if np.isfinite(c.high - c.low):
-            yield Factor(_range(c), "actuator", 1.0, 1 - NARROWER, 1.0, possible=(LEAST, 1.0))
+            yield Factor(_range(c), "actuator", 1.0, 1 - NARROWER, 1.0, STATED, possible=(LEAST, 1.0))
 
 
 def sample_of(plant: Plant) -> Ensemble | None:
@@ -163,7 +164,7 @@ def _parameters(own: Plant, measuring: float | Sequence[float]) -> Iterator[Fact
         yield found.stepped(step) if step else found
 
 
-def _parameter(name: str, value: float = 1.0, unit: str = "") -> Factor:
+def _parameter(name: str, value: float = 1.0, unit: str = MODELED) -> Factor:
     """Return a parameter of a plant, which is above 0 and stays so."""
     return Factor.around(name, "parameter", CHANGE, value, unit, possible=(LEAST * value, np.inf))
 
@@ -459,10 +460,10 @@ class VariedLoop:
     def _others(self) -> Iterator[Factor]:
         """Yield what varies beside the plant."""
         if self._noisy:
-            yield Factor.around(NOISE, "sensor", _WEAR, possible=NOT_NEGATIVE)
+            yield Factor.around(NOISE, "sensor", _WEAR, unit=STATED, possible=NOT_NEGATIVE)
         else:
-            most, told = self._usual_noise
-            yield Factor(NOISE, "sensor", 0.0, 0.0, most, "of the step", possible=NOT_NEGATIVE, told=told)
+            (most, told), unit = self._usual_noise, "of the step (standard deviation)"
+            yield Factor(NOISE, "sensor", 0.0, 0.0, most, unit, possible=NOT_NEGATIVE, told=told)
         if self.wears:
             yield Factor(GRAIN, "sensor", 0.0, 0.0, _GRAIN, "of the step", possible=NOT_NEGATIVE)
         yield Factor(BIAS, "sensor", 0.0, -_BIAS, _BIAS, "of the step")
@@ -475,10 +476,11 @@ class VariedLoop:
         if self.jitters:
             yield Factor(JITTER, "sensor", 0.0, 0.0, _JITTER, "of the period", possible=(0.0, _MOST))
         if self.task.max_move is not None:
-            yield Factor.around(MOVE, "actuator", SIZE, possible=(LEAST, np.inf))
+            yield Factor.around(MOVE, "actuator", SIZE, unit=STATED, possible=(LEAST, np.inf))
         if self._loaded:
             more = 0.0 if self._beyond_load(1 + SIZE) else SIZE
-            yield Factor.around(LOAD, "task", (-SIZE, more), possible=NOT_NEGATIVE)
+            load = Factor.around(LOAD, "task", (-SIZE, more), unit=STATED, possible=NOT_NEGATIVE)
+            yield replace(load, told=f"usual, {self._acting}")
             if not self._beyond_load(-1.0):
                 yield Factor(TURN, "task", 1.0, -1.0, 1.0, ends=True)
         yield from self._steps() if self.moves.names else ()
@@ -486,9 +488,9 @@ class VariedLoop:
     def _steps(self) -> Iterator[Factor]:
         """Yield what varies of the step."""
         moves, (starts, targets, turned) = self.moves, self._places
-        size = -moves.smaller, moves.larger
+        size = Factor.around(REFERENCE, "task", (-moves.smaller, moves.larger), unit=STATED)
         steps = (
-            replace(Factor.around(REFERENCE, "task", size, possible=(LEAST, np.inf)), told=targets),
+            replace(size, possible=(LEAST, np.inf), told=targets),
             Factor(SHIFT, "task", 0.0, -moves.back, moves.ahead, "of the step", told=starts),
             Factor(DIRECTION, "task", 1.0, -1.0, 1.0, ends=True, told=turned),
         )
@@ -507,13 +509,32 @@ class VariedLoop:
         def between(*ends: float) -> str:
             return f"{_in(min(ends), replace(y, unit=''))} to {_in(max(ends), y)}"
 
+        times, least = _times(self.task.y_ref, self.task), 1e-6 * abs(last)
+        moved = [t for t in times if abs(self.task.reference(t)[k] - start) > least]
+        when = self._since(min(moved, default=0.0), self.task.y_ref)
         starts = between(*(start + shift * first for shift in (-moves.back, moves.ahead)))
         targets = between(*(start + size * last for size in (1 - moves.smaller, 1 + moves.larger)))
         return (
             f"usual, {y.name} from {starts}",
-            f"usual, alone: targets of {y.name} from {targets}",
+            f"usual, step of {y.name} by {_in(last, y)} {when}; alone: targets from {targets}",
             f"usual, alone: target of {y.name} at {_in(start - last, y)}",
         )
+
+    @property
+    def _acting(self) -> str:
+        """Return in words which loads act, how large each is at most, and from when on."""
+        times, said = _times(self.task.d, self.task), list[str]()
+        for c, load in zip(self.plant.disturbances, self._loads.T, strict=True):
+            if load.any():
+                name, size = c.name.removeprefix(ADDED), _in(load[np.abs(load).argmax()], c)
+                what = f"load of {size} on {name}" if name != c.name else f"{name} by {size}"
+                said.append(f"{what} {self._since(times[int(load.nonzero()[0][0])], self.task.d)}")
+        return ", ".join(said)
+
+    def _since(self, t: float, signal: Signal | None) -> str:
+        """Return in words from when on a signal changes; a function of time is only looked at."""
+        about = "about " * (callable(signal) and not isinstance(signal, StepSignal))
+        return f"at {about}{_in(t, Channel('', self.plant.time_unit))}" if t else "at the start"
 
     def _later(self, values: Values) -> float:
         """Return the factor of all dead times."""

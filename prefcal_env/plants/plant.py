@@ -286,6 +286,10 @@ def equations_of(plant: Plant) -> Equations:
     )
 
 
+ADDED = "disturbance of "
+"""Begin of the names of the disturbances that `Disturbed` adds."""
+
+
 class Disturbed:
     """A `Plant` with ẋ = f(x, u + w, d), y = g(x, u + w, d) + p.
 
@@ -316,7 +320,7 @@ class Disturbed:
         self.inputs = plant.inputs if inputs is None else inputs
         self.states, self.outputs = plant.states, plant.outputs
         chosen = [plant.outputs[i] for i in on_outputs] + [plant.inputs[i] for i in on_inputs]
-        self.offsets = tuple(Channel(f"disturbance of {c.name}", c.unit) for c in chosen)
+        self.offsets = tuple(Channel(f"{ADDED}{c.name}", c.unit) for c in chosen)
         self.disturbances = (*plant.disturbances, *self.offsets)
         self._on = np.array(on_outputs, np.int64), np.array(on_inputs, np.int64)
         # What a plant may have beside the attributes of `Plant`; these disturbances have no dead time.

@@ -63,7 +63,7 @@ class Factor:
         nominal: Value of the study.
         low: Lowest value.
         high: Highest value.
-        unit: Unit, or what it is a share of; "" also for a factor by which something is multiplied.
+        unit: Unit, or what it is a share of or multiplies, in words; "" also for a direction.
         ends: Whether it only has its lowest and its highest value, as a direction does.
         possible: Smallest and largest value that there can be.
         step: Distance of its values; 0 for any.

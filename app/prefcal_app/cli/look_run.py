@@ -263,7 +263,7 @@ def show(said: Verified, console: Console) -> None:
     if said.margins:
         console.print(_table(said.margin_columns, said.margins))
     console.print(_table(said.kpi_columns, said.kpis))
-    for line in _lines(said):
+    for line in (*filter(None, [said.outside]), *_lines(said)):
         say(console, line)
 
 

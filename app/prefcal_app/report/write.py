@@ -258,7 +258,7 @@ def verified_answers(verified: Verified) -> Answers:
     found: Answers = [*{**_verdicts(verified), "Margins": margins}.items()]
     if verified.runs:
         spans = tuple(f"{name}: {low} to {high}" for name, _, _, low, high, *_ in verified.kpis)
-        found.append(("KPIs, 5 to 95 %", spans))
+        found.append(("KPIs, 5 to 95 %", (*spans, *filter(None, [verified.outside]))))
     rows = (f"{name} {span}{f' ({kind})' * (kind != USUAL)}" for name, span, kind in verified.varied)
     drawn = [f"drawn with seed {verified.seed}"] if verified.runs else []
     found.append(("Varied", (*rows, *drawn, f"beyond these ranges: {_UNKNOWN}")))
@@ -300,17 +300,17 @@ def verified_tables(verified: Verified) -> dict[str, list[dict[str, Any]]]:
     """Return tables of what `varied` and what not, and of margins and KPIs (`tables`), without empty ones."""
 
     def made(
-        label: str, heads: Sequence[str], rows: Sequence[Sequence[str]], kind: str = ""
+        label: str, heads: Sequence[str], rows: Sequence[Sequence[str]], kind: str = "", note: str = ""
     ) -> list[dict[str, Any]]:
         if not rows:
             return []
         shown = [row(name, [cell(each, kind=kind) for each in cells], kind=kind) for name, *cells in rows]
-        return [table(label, [column(head, kind=kind) for head in heads], shown)]
+        return [table(label, [column(head, kind=kind) for head in heads], shown, note)]
 
     varied = made("What varied", VARIED, verified.varied, "words")
     varied += made("What was not varied, and why", NOT_VARIED, verified.left_out, "words")
     found = made("Stability margins", verified.margin_columns, verified.margins)
-    found += made("KPIs of the varied plants", verified.kpi_columns, verified.kpis)
+    found += made("KPIs of the varied plants", verified.kpi_columns, verified.kpis, note=verified.outside)
     return {"varied": varied, "tables": found}
 
 

@@ -134,6 +134,7 @@ class Verified:
     apart: int = 0  # number of random runs that do not count, since no input can hold their plants
     holds: bool | None = None  # whether all keep the stated limits; None without limits or runs
     keeps_margins: bool | None = None  # whether the nominal loop keeps those on margins; None if unknown
+    outside: str = ""  # which nominal values are outside of 5 to 95 %, and why, in a sentence; "" if none
 
     @property
     def made(self) -> int:
@@ -183,6 +184,7 @@ class Verified:
             apart=len(found.unheld),
             holds=found.holds,
             keeps_margins=found.keeps_margins,
+            outside=_outside(found),
         )
 
     @property
@@ -399,6 +401,37 @@ def _kpi_row(kpi: KPI, tunings: list[Robustness]) -> tuple[str, ...]:
         values = (each.nominal.kpis.get(kpi.name), *each.quantiles(kpi.name))
         cells += [value_text(kpi, value, each.time_unit) for value in values]
     return tuple(cells)
+
+
+def _outside(found: Verification) -> str:
+    """Return which nominal values are outside of 5 to 95 %, and what alone explains it, in a sentence.
+
+    That is a factor that has its nominal value at an end of its range, such as noise from 0 on.
+    """
+    ended = [f.nominal in (f.low, f.high) and not f.ends for f in found.factors]
+    pairs = list(zip(found.factors, ended, found.alone[::2], found.alone[1::2], strict=False))
+    said = dict[str, list[str]]()
+    for kpi in found.kpis:
+        value, ends = found.tuning.nominal.kpis.get(kpi.name, np.nan), found.tuning.quantiles(kpi.name)
+        end = ends[0] if value < ends[0] else ends[1]
+        shown = {value_text(kpi, each, found.tuning.time_unit) for each in (value, end)}
+        if not np.isfinite([value, end]).all() or ends[0] <= value <= ends[1] or len(shown) == 1:
+            continue
+        reach = [
+            (max((run.kpis.get(kpi.name, value) - value) / (end - value) for run in both), f)
+            for f, one_sided, *both in pairs
+            if one_sided
+        ]
+        share, factor = max(reach, key=lambda each: each[0], default=(0.0, None))
+        if factor and share >= 1:
+            said.setdefault(_nominally(factor), []).append(kpi.title)
+    why = "; ".join(f"{', '.join(titles)}, since the nominal run has {has}" for has, titles in said.items())
+    return f"Nominal values outside of 5 to 95 %: {why}." if why else ""
+
+
+def _nominally(factor: Factor) -> str:
+    """Return what the nominal run has of a factor."""
+    return f"{factor.name} {quantity(factor.nominal, factor.unit)}" if factor.nominal else f"no {factor.name}"
 
 
 def _range(factor: Factor) -> str:

@@ -43,6 +43,12 @@ def test_lines_of_help_break_only_where_they_are_full(done, monkeypatch, command
             assert len(following.split()[0]) >= room - 5, line
 
 
+@pytest.mark.parametrize("command", ["calibrate", "check"])
+def test_help_on_a_limit_says_for_which_scenarios_it_is(done, command):
+    out = " ".join(done(command, "--help").replace("│", " ").split())
+    assert "It is for standard controllers (--plant), TOML files and FMUs; your own Python file states" in out
+
+
 @pytest.mark.parametrize("command", [[], ["studies"], *COMMANDS], ids=" ".join)
 def test_no_help_has_words_that_stumble(prefcal, command):
     out = " ".join(prefcal(*command, "--help")[1].replace("│", " ").split())

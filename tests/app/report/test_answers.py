@@ -20,6 +20,7 @@ from prefcal_app.report.write import (
     unverified,
     verdict_of,
     verified_answers,
+    verified_tables,
     write_report,
 )
 from prefcal_app.summary import Outlook
@@ -274,11 +275,15 @@ def test_a_loop_that_is_not_stable_is_called_so_and_no_limit_is_missed_that_nobo
 
 def test_nothing_of_what_varied_is_cut_and_the_ranges_of_kpis_stand_beside_it(folder):
     varied = tuple((f"factor {k}", "0.9 to 1.1", "stated") for k in range(40))
-    replace(FOUND, varied=varied, best=digest_of(folder / BEST)).write(folder)
+    outside = "Nominal values outside of 5 to 95 %: overshoot, since the nominal run has no noise."
+    replace(FOUND, varied=varied, outside=outside, best=digest_of(folder / BEST)).write(folder)
     refresh(folder)
     text = (folder / FILE).read_text()
     assert all(f"<li>factor {k} 0.9 to 1.1 (stated)</li>" in text for k in range(40))
     assert "<li>overshoot [%]: 0 to 2</li>" in text
+    assert f"<li>{outside}</li>" in text.replace("\xa0", " ")
+    margins, kpis = verified_tables(replace(FOUND, outside=outside))["tables"]
+    assert (margins["caption"], kpis["caption"]) == ("", outside)  # report and page have it at the table
     assert "has all)" not in text
 
 

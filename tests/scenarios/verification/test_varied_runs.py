@@ -99,6 +99,14 @@ def test_what_doubles_a_kpi_comes_before_what_only_goes_further_beyond_its_range
         "noise (0 to 0.04 of the step): total move 58 → 802 %",
         "mass (0.9 to 1.1): M_s 1.78 → 1.9",
     )
+    # Both are nominally outside of their own ranges, as no varied run is without noise.
+    outside = "Nominal values outside of 5 to 95 %: total move, ratio, since the nominal run has no noise."
+    said = Verified.of(found, SPRING, "", "1.0", "")
+    assert said.outside == outside
+    title, _, nominal, low, _ = said.kpis[1]
+    assert (title, nominal) == ("total move [%]", "58")
+    assert float(low) > 58
+    assert Verified.of(verify(SPRING, THETA, 100, jobs=1), SPRING, "", "1.0", "").outside == ""
     # No limit says how much noise may move a valve: so it is said beside the verdict.
     assert " Noise alone takes total move from 58 to 802 %." in found.headline
     calm = verify(replace(SPRING, run=Noisy(), kpis=kpis), THETA, 20, ranges={NOISE: [0, 0.01]}, jobs=1)
@@ -542,7 +550,9 @@ def test_between_which_values_an_output_starts_and_is_sent_is_said_in_its_unit()
     told = {f.name: f.told for f in scenario.source.varied().factors}
     assert told["start"] == "usual, T from −5 to 5 °C"
     # Each alone: what the text says holds whichever of the others somebody leaves out.
-    assert told["size of the step"] == "usual, alone: targets of T from 8 to 12 °C"
+    assert told["size of the step"] == (
+        "usual, step of T by 10 °C at the start; alone: targets from 8 to 12 °C"
+    )
     assert told["direction"] == "usual, alone: target of T at −10 °C"
 
 
@@ -856,9 +866,12 @@ def test_a_change_of_a_kind_scales_usual_ranges_and_leaves_two_values_alone():
     ("ranges", "says"),
     [
         ({"dead time": (-2, 0)}, "'dead time' would be -6 to 6 s, but only 0 to inf is possible"),
-        ({"parameter": 1.5}, "'time constant of temperature' would be -0.5 to 2.5, but only 0.01 to inf"),
-        ({"sensor": 3}, "'noise' would be -0.5 to 4, but only 0 to inf"),
-        ({"range of valve": 0.2}, "would be 0.8 to 1.2, but only 0.01 to 1"),
+        (
+            {"parameter": 1.5},
+            "'time constant of temperature' would be -0.5 to 2.5 times the modeled, but only 0.01 to inf",
+        ),
+        ({"sensor": 3}, "'noise' would be -0.5 to 4 times the stated, but only 0 to inf"),
+        ({"range of valve": 0.2}, "would be 0.8 to 1.2 times the stated, but only 0.01 to 1"),
         ({"backlash": 0.2}, "'backlash' would be -0.2 to 0.2"),
         ({"direction": 0.1}, "'direction' is -1 or 1: only 0"),
     ],

@@ -292,6 +292,29 @@ def test_a_reference_that_is_a_function_of_time_is_the_step_that_varies_and_that
     assert bias == pytest.approx([0.005])  # of the step of 0.5 m, which comes later
 
 
+def test_what_varies_says_in_words_of_what_it_is_a_share_and_which_load_and_step_the_task_has():
+    factors = {f.name: f for f in found(pid_scenario(HEATER)).factors}
+    units = {name: f.unit for name, f in factors.items()}
+    for name in ("all time constants", "gain of valve"):
+        assert units[name] == "times the modeled"
+    for name in ("range of valve", "size of the load", "size of the step"):
+        assert units[name] == "times the stated"
+    assert units["noise"] == "of the step (standard deviation)"
+    half = pid_scenario(HEATER).run.env.task.horizon / 2
+    assert factors["size of the load"].told == f"usual, load of 10 % on valve at {half:.4g} s"
+    assert factors["size of the step"].told == (
+        "usual, step of temperature by 10 °C at the start; alone: targets from 48 to 52 °C"
+    )
+    noisy = next(f for f in found(load("lag")).factors if f.name == "noise")
+    assert (noisy.low, noisy.high, noisy.unit) == (0.5, 2.0, "times the stated")
+    function = drawn_from(lambda t: np.array([12.0 if t >= 200.0 else 2.0]))
+    (load_,) = (f for f in function.factors if f.name == "size of the load")
+    assert load_.told == "usual, draw by 10 L/s at about 200 s"
+    stepped = drawn_from(StepSignal((2.0,), ((80.0, (12.0,)), (90.0, (0.0,)))))
+    (load_,) = (f for f in stepped.factors if f.name == "size of the load")
+    assert load_.told == "usual, draw by 10 L/s at 80 s"
+
+
 def near(low, high, valve=(0.0, 100.0)):
     """Return what varies of a step from 40 to 50 °C between limits, and what does not."""
     outputs, inputs = [Channel("temperature", "°C", low=low, high=high)], [Channel("valve", "%", *valve)]

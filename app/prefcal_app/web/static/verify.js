@@ -62,7 +62,7 @@ const going = ({ done, planned }) => [el("p", {}, planned ? `${done} of ${planne
 
 // Show the verdict and what it advises; all that it rests on is folded, and stays as the person left it.
 function said({ best, verdict, statement, limits, lines, margins, advice, basis, varied, tables, effects, worst }) {
-  const tabled = (each) => [el("h5", {}, each.label), shownTable(each)];
+  const tabled = (each) => [el("h5", {}, each.label), shownTable(each), each.caption ? el("p", { class: "faint" }, symbol(each.caption)) : null];
   const list = (title, lines) => (lines.length ? [el("h5", {}, title), el("ul", { class: "plain" }, lines.map((text) => el("li", {}, symbol(text))))] : []);
   return [el("p", { class: "statement" }, el("strong", {}, symbol(verdict))), verdict.includes(statement) ? null : el("p", {}, symbol(statement)), list("What to do about it", advice),
     lines ? [el("p", {}, "To judge it by the usual limits, run this, then open this page again:"), el("div", { class: "command" }, el("pre", {}, lines), copying(lines))] : null,
