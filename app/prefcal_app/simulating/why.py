@@ -433,7 +433,7 @@ def told(
 
 # --- Say what the simulated θ still promise, and when to offer to stop.
 
-_EARLY = "It is too early to say how many of θ drawn at random are."
+_EARLY = "The answers are too few to say how many of θ drawn at random are."
 _UNLIKELY, _KNOWN = 0.1, 0.5
 """Chance below which stopping is offered, and that above which something better is known."""
 

@@ -236,7 +236,8 @@ class Verification:
             said = f"; at {self.stated}, {kept} of the same {count} hold"
             if count < len(self.runs):
                 first = "" if count == len(self.failed) else "first "
-                said = f"; of the {first}{count} that fail, {count - kept} fail at {self.stated}, too"
+                left, verb = count - kept or "none", "happens" if count - kept < 2 else "happen"
+                said = f"; {left} of the {first}{count} failures {verb} at {self.stated}, too"
                 if count == 1:
                     said = f"; the one that fails {'holds' if kept else 'fails, too,'} at {self.stated}"
         still = [

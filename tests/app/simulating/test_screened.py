@@ -221,7 +221,7 @@ def test_from_the_second_answer_on_it_states_what_holds_for_people_unlike_the_dr
         "is 30 %. Of θ drawn at random, fewer than 6 % are noticeably better (with 95 % probability)."
     )
     early = promise(certified(replace(CERTIFIED, share=1.0)))
-    assert early.endswith("so far is 30 %. It is too early to say how many of θ drawn at random are.")
+    assert early.endswith("so far is 30 %. The answers are too few to say how many of θ drawn at random are.")
     assert offer(certified(CERTIFIED)) == "", "not the draws' own chance decides"
     assert offer(certified(replace(CERTIFIED, chance=0.05), 0.5)).endswith("Stop here, or go on?")
 

@@ -438,7 +438,10 @@ def test_runs_that_fail_at_targets_that_nobody_stated_are_counted_apart():
     # A range that somebody states is what they ask for.
     stated = verify(tracking, THETA, 100, ranges={REFERENCE: 0.2}, jobs=1)
     assert stated.stated == "the stated load"
-    assert re.search(r"of the (\d+) that fail, \1 fail at the stated load, too", stated.headline)
+    assert re.search(r"; (\d+) of the \1 failures happen at the stated load, too", stated.headline)
+    kept = (replace(run, problems=()) for run in stated.as_stated[1:])
+    once = replace(stated, as_stated=(stated.as_stated[0], *kept))
+    assert f"; 1 of the {len(stated.failed)} failures happens at the stated load, too" in once.headline
 
 
 def test_what_fails_at_the_stated_target_too_is_not_excused_by_it():
@@ -448,8 +451,8 @@ def test_what_fails_at_the_stated_target_too_is_not_excused_by_it():
     still = sum(2 / values["mass"] > 2.1 for values in bad)
     assert 0 < still < len(bad)
     assert found.headline == (
-        f"Does not hold: {100 - len(bad)} of 100 runs keep the stated limits; of the {len(bad)} that "
-        f"fail, {still} fail at the stated target and load, too; not varied: direction."
+        f"Does not hold: {100 - len(bad)} of 100 runs keep the stated limits; {still} of the {len(bad)} "
+        "failures happen at the stated target and load, too; not varied: direction."
     )
     assert not any("task=0" in each for each in Verified.of(found, tracking, "", "1.0", "").advice)
     # Nominally, the stated target alone decides.
@@ -1059,7 +1062,7 @@ def test_of_many_runs_that_fail_the_first_sixty_are_tried_as_stated():
     found = verify(tracking, THETA, 300, jobs=1)
     assert len(found.failed) > 60 == len(found.as_stated)
     good = sum(not run.problems for run in found.as_stated)
-    still = f"of the first 60 that fail, {60 - good} fail at the stated target and load, too"
+    still = f"{60 - good} of the first 60 failures happen at the stated target and load, too"
     assert still in found.headline
     heavy = replace(SPRING, run=Tracking(), kpis=(KPI("weight", "weight", at_most=1.9),))
     assert verify(heavy, THETA, 100, jobs=1).as_stated == ()  # it does not hold nominally

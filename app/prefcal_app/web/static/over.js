@@ -10,7 +10,7 @@ import { trial } from "./trial.js";
 import { verification, writing } from "./verify.js";
 
 const REASONS = {
-  "all compared": "All experiments have been compared", "good enough": "The best is good enough",
+  "all compared": "All questions are answered", "good enough": "The best is good enough",
   stopped: "You finished the study",
 };
 
