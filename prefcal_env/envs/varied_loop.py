@@ -515,7 +515,7 @@ class VariedLoop:
         starts = between(*(start + shift * first for shift in (-moves.back, moves.ahead)))
         targets = between(*(start + size * last for size in (1 - moves.smaller, 1 + moves.larger)))
         return (
-            f"usual, {y.name} from {starts}",
+            f"usual, {y.name} from {starts}, and the target moves along",
             f"usual, step of {y.name} by {_in(last, y)} {when}; alone: targets from {targets}",
             f"usual, alone: target of {y.name} at {_in(start - last, y)}",
         )

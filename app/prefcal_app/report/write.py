@@ -431,6 +431,7 @@ def verify_best(
     found = replace(found, anew=partial(_relaxed, command, limits, found.kpis))
     said = _put_in_words(found, tuning, best, limits, f"{clock(UTC):%Y-%m-%d %H:%M} UTC")
     said = _offering(replace(said, limits=limits, ranges=ranges), found, own, command)
+    said = _with_earlier(said, _there(best.parent))
     _keep(said, found, tuning, best, timeout)
     return said
 
@@ -563,6 +564,24 @@ def _list_looser(own: Sequence[KPI], now: Sequence[KPI]) -> Iterator[str]:
         before = known.get(kpi.name, kpi)
         if kpi.at_most > before.at_most or kpi.at_least < before.at_least:
             yield f"{kpi.title} {limits_text(kpi)} in place of {limits_text(before)}"
+
+
+def _with_earlier(said: Verified, there: Verified | None) -> Verified:
+    """Return what a verification says, with what earlier ones of the tuning said that asked otherwise."""
+    if there is None:
+        return said
+    earlier = there.earlier
+    if there.runs and _asks(there) != _asks(said):
+        asked = shlex.join(_asks(there)) or "as usual"
+        earlier += (f"{there.at}, {asked}: {re.split('[;.]', there.headline, maxsplit=1)[0]}",)
+    told = f" Verified before, otherwise: {'; '.join(earlier)}." if earlier else ""
+    return replace(said, earlier=earlier, statement=said.statement + told)
+
+
+def _asks(said: Verified) -> list[str]:
+    """Return the options of a verification."""
+    seed = ("--seed", str(said.seed)) if said.seed else ()
+    return [*_options_of(said.planned, said.ranges), *seed, *_options("--limit", said.limits)]
 
 
 def written_beside(said: Verified, folder: Path) -> str:

@@ -56,6 +56,7 @@ from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.study import State
 from prefcal_scenarios.runs import WORST
 from prefcal_scenarios.scenario import KPI, Scenario, panels_of
+from prefcal_scenarios.verification.said import NEVER_USED
 from prefcal_scenarios.wording import MISSING, exact_number, number
 
 from . import question
@@ -293,10 +294,9 @@ def look_view(interview: Interview, theta: tuple[float, ...], seen: Seen | None 
 
 # --- Show the end: what was gained over the experiment to beat, the report, and what to do next.
 
-FIRST, CURRENT = "first experiment", "current tuning"
-"""Names of the first experiment: without and with a tuning that the person gave."""
-RESULT = "result of "
-"""Begin of its name if it is the result of another study, of which nobody said that it is in use."""
+CURRENT = "current tuning"  # name of the first experiment if the person gave its values
+FIRST, RESULT = NEVER_USED
+"""Its name if nobody gave it, and the begin of that if it is the result of another study."""
 
 _SLIGHT = 0.05  # share of a usual difference in the study below which a change is neither better nor worse
 
@@ -318,7 +318,7 @@ def baseline_of(state: State) -> str:
 
 def can_go_back(baseline: str) -> bool:
     """Return whether the person gave the first experiment as what there was before."""
-    return baseline != FIRST and not baseline.startswith(RESULT)
+    return not baseline.startswith(NEVER_USED)
 
 
 def over_view(

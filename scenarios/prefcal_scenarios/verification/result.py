@@ -143,6 +143,7 @@ class Verification:
         unheld: Random runs that do not count, since no input can hold their plant at start or target.
         inputs: Inputs of the nominal plant; empty if they are not known.
         seed: Seed of the variations.
+        narrower: Names of the factors whose stated range is narrower than the usual one.
         anew: Function of another seed and of limits, each as typed, that returns the command that verifies by
             them in place of its own.
     """
@@ -160,6 +161,7 @@ class Verification:
     unheld: tuple[VerifiedRun, ...] = ()
     inputs: tuple[Channel, ...] = ()
     seed: int = 0
+    narrower: tuple[str, ...] = ()
     anew: Callable[[int, Sequence[str]], str] = field(default=command_of, compare=False)
 
     @property
@@ -276,7 +278,14 @@ class Verification:
         usual = "; ".join(self._offer(*each) for each in self.usual)
         usual = f" Usual limits: {usual}." if usual and count else ""
         known = "nominal loop is not stable" in said  # nothing else can be said of margins then
-        return f"{said}{usual}{'' if known else f' {self.margin_verdict}'}".rstrip()
+        return f"{self._narrower}{said}{usual}{'' if known else f' {self.margin_verdict}'}".rstrip()
+
+    @property
+    def _narrower(self) -> str:
+        """Return by which ranges it is judged, before the verdict, if some are narrower than usual."""
+        named, more = self.narrower[:3], len(self.narrower) - 3
+        others = [f"{more} other{'s' * (more > 1)}"] if more > 0 else []
+        return f"By narrower ranges than usual ({join_words([*named, *others])}): " if named else ""
 
     @property
     def apart(self) -> str:

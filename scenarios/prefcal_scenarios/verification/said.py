@@ -29,7 +29,7 @@ from prefcal_scenarios.wording import (
 )
 
 from .loop_margins import has_poor_margins, margins_said
-from .result import Effect, Robustness, Verification, VerifiedRun, count_kept
+from .result import CHANCE, Effect, Robustness, Verification, VerifiedRun, count_kept
 
 # --- What a verification leaves beside its best.json, as plain data for people and programs.
 
@@ -45,6 +45,8 @@ REFUSED = "not acceptable"
 """Verdict of a person on a worst run that speaks against the tuning."""
 REPEAT = "repeat the command of the study with --robust --n-max 5"
 """How to compare another tuning, up to the options that name it, if no command is known."""
+NEVER_USED = ("first experiment", "result of ")
+"""Begins of the names of a first experiment that nobody gave as what is in use."""
 _NAMED = 8  # number of values of a run that are named
 
 
@@ -132,6 +134,7 @@ class Verified:
     # Title, limits and whether the nominal run keeps them, of each KPI that only `limits` limit
     required: tuple[tuple[str, str, bool | None], ...] = ()
     apart: int = 0  # number of random runs that do not count, since no input can hold their plants
+    earlier: tuple[str, ...] = ()  # what verifications of the same tuning said that asked otherwise, each
     holds: bool | None = None  # whether all keep the stated limits; None without limits or runs
     keeps_margins: bool | None = None  # whether the nominal loop keeps those on margins; None if unknown
     outside: str = ""  # which nominal values are outside of 5 to 95 %, and why, in a sentence; "" if none
@@ -296,7 +299,8 @@ def _before(found: Verification, baseline: str, *, alone: bool) -> str:
     """
     if not baseline or found.before is None:
         return ""
-    runs, name = found.before.runs, f"the tuning before ({baseline})"
+    runs, used = found.before.runs, not baseline.startswith(NEVER_USED)
+    name = f"the tuning before ({baseline})" if used else f"the {baseline}"
     if found.before.holds(len(found.runs)) and replace(found, tuning=found.before).sound:
         holds = f"it holds in all {len(runs)} of the same runs"
         poor = has_poor_margins(found.before.margins)
@@ -305,7 +309,8 @@ def _before(found: Verification, baseline: str, *, alone: bool) -> str:
         return ""
     old, new = (count_kept(each[: len(runs)]) for each in (runs, found.runs))
     # The study began there: to begin there once more would end as it did.
-    return f"{name} holds in {old - new} more of the same {len(runs)} runs ({old} instead of {new}): keep it"
+    more = f"{old - new} more of the same {len(runs)} runs ({old} instead of {new})"
+    return f"{name} holds in {more}: {'keep' if used else 'take'} it"
 
 
 def _better(found: Verification, other: Robustness | None) -> bool:
@@ -372,6 +377,8 @@ def _nothing_else(found: Verification) -> str:
     if (tried := found.others) is None:
         return ""
     due = f"{change}: " if (change := " or ".join(_ways(found))) else ""
+    if len(found.failed) < CHANCE and tried.best is not None:  # no reason for another controller
+        due = f"decide whether {len(found.failed)} of {len(found.runs)} may fail: "
     if tried.best is None:
         what = "is stable" if tried.able else "does even nominally what is asked"
         none = f"of {tried.count} other tunings that were tried, none {what}"

@@ -202,7 +202,9 @@ def verify(
     alone = tuple(_noted(known, r) if r.problems else r for r in made[runs : runs + 2 * len(factors)])
     inputs = known.loop.plant.inputs if known.loop else ()
     verified = Verification(found.name, found.kpis, factors, left_out, runs, tunings[0], before, alone)
-    verified = replace(verified, unheld=apart, inputs=inputs, seed=seed)
+    spans = {f.name: f.high - f.low for f in varying}
+    narrower = tuple(f.name for f in known.factors if spans.get(f.name, np.inf) < f.high - f.low)
+    verified = replace(verified, unheld=apart, inputs=inputs, seed=seed, narrower=narrower)
     return _look_further(_Trials(found, known, verified, many)) if len(made) == len(cases) else verified
 
 

@@ -215,6 +215,23 @@ def test_a_relaxed_limit_takes_the_place_of_that_of_the_same_kpi_in_a_whole_comm
     assert anew(0, ["most <= 12"]) == f"{begin} --limit 'settling time <= 2' --limit 'most <= 12'"
 
 
+def test_what_an_earlier_verification_of_the_same_tuning_said_stands_beside_one_that_asks_otherwise():
+    first = replace(
+        FOUND, at="2026-11-30 15:32 UTC", headline="Does not hold: 4 of 9 runs; x. y", planned=299
+    )
+    same = write._with_earlier(FOUND, first)
+    assert (same.earlier, same.statement) == ((), FOUND.statement)
+    narrow = replace(FOUND, planned=299, ranges={"parameter": 0.02}, seed=2)
+    once = write._with_earlier(narrow, first)
+    told = "2026-11-30 15:32 UTC, as usual: Does not hold: 4 of 9 runs"
+    assert once.statement == f"{narrow.statement} Verified before, otherwise: {told}."
+    again = write._with_earlier(narrow, once)
+    assert again.earlier == once.earlier, "repeated in the same way, it adds nothing"
+    back = write._with_earlier(replace(first, at="later"), replace(once, at="then"))
+    assert back.earlier == (told, f"then, --range parameter=0.02 --seed 2: {once.headline.split('.')[0]}")
+    assert write._with_earlier(FOUND, None) == FOUND
+
+
 def test_a_result_with_which_its_study_began_stands_once_in_the_command():
     anew = "prefcal calibrate lag --calibrator human --start K=2"
     tuning = SimpleNamespace(anew=anew, source="lag", before=None)

@@ -257,6 +257,10 @@ def test_a_tuning_before_that_holds_on_more_of_the_same_plants_is_kept_only_beyo
     found = replace(found, others=replace(found.others, best=found.before))  # none does better than that
     (keep,) = Verified.of(found, scenario, "current tuning", "1.0", "").advice
     assert keep == more
+    for never_used in ("first experiment", "result of mine"):
+        (take,) = Verified.of(found, scenario, never_used, "1.0", "").advice
+        changed = keep.replace("the tuning before (current tuning)", f"the {never_used}")
+        assert take == changed.replace("keep it", "take it"), "nobody said that it is in use"
     lost = [k for k, each in enumerate(found.runs) if each.problems and not found.before.runs[k].problems]
     for count, better in ((4, False), (5, True)):  # 1/2 to the power of 4 is 6 %, of 5 it is 3 %
         runs = [found.before.runs[k] if k in lost[count:] else each for k, each in enumerate(found.runs)]
@@ -353,7 +357,7 @@ def test_a_tuning_before_that_holds_with_poor_margins_is_not_simply_taken():
     poor = Margins(1.3, 0.0, 22.0, 0.2, 4.86, 0.3)
     shaky = replace(found, before=replace(found.before, margins=poor))
     assert Verified.of(shaky, SPRING, "first experiment", "1.0", "").advice[0] == (
-        "look at the tuning before (first experiment): it holds in all 100 of the same runs, but its nominal "
+        "look at the first experiment: it holds in all 100 of the same runs, but its nominal "
         "loop does not have M_s ≤ 2 or gain ≥ 6 dB or phase ≥ 30°"
     )
 
@@ -510,6 +514,11 @@ def test_where_the_range_of_an_input_ends_no_other_controller_is_advised():
         f"relax a limit: none of {tried.count} other tunings that were tried holds in more of the same 60 "
         f"runs, beyond chance (the best in {most}, this one in {held})"
     )
+    rare = replace(found, tuning=replace(found.tuning, runs=(*found.failed[:4], *found.runs[:0])))
+    told = Verified.of(rare, oven, "", "1.0", "").advice
+    assert told[-1].startswith("decide whether 4 of 4 may fail: none of "), (
+        "four are no reason for another controller"
+    )
     untried = replace(found, others=None)
     assert Verified.of(untried, oven, "", "1.0", "").advice == (said.advice[0], *found.advice)
     assert not any("change the controller" in each for each in said.advice)
@@ -551,7 +560,7 @@ def test_between_which_values_an_output_starts_and_is_sent_is_said_in_its_unit()
     plant = Plant.of(([2.0], [10, 1]), delay=5.0, inputs=[Channel("u", "V")], outputs=[Channel("T", "°C")])
     scenario = pid_scenario(plant, reference={"T": 10.0})
     told = {f.name: f.told for f in scenario.source.varied().factors}
-    assert told["start"] == "usual, T from −5 to 5 °C"
+    assert told["start"] == "usual, T from −5 to 5 °C, and the target moves along"
     # Each alone: what the text says holds whichever of the others somebody leaves out.
     assert told["size of the step"] == (
         "usual, step of T by 10 °C at the start; alone: targets from 8 to 12 °C"
@@ -1055,6 +1064,18 @@ def test_no_limit_is_relaxed_for_what_can_as_well_be_chance():
     assert {run.seed for run in found.runs}.isdisjoint(run.seed for run in other.runs)
     assert "verify it on other ones: prefcal verify best.json --seed 2 --limit 'weight <= " in other.advice[0]
     assert Verified.of(other, SPRING, "", "1.0", "").seed == 1
+
+
+def test_a_verdict_by_narrower_ranges_than_usual_says_so_first():
+    kpis = (KPI("weight", "weight", at_most=2.1),)
+    usual = verify(replace(SPRING, kpis=kpis), THETA, 60, jobs=1)
+    assert usual.headline.startswith("Does not hold: ")
+    narrow = verify(replace(SPRING, kpis=kpis), THETA, 60, ranges={"mass": 0.02}, jobs=1)
+    assert narrow.headline.startswith("By narrower ranges than usual (mass): Holds: 60 of 60 runs keep ")
+    wide = verify(replace(SPRING, kpis=kpis), THETA, 60, ranges={"mass": 0.2}, jobs=1)
+    assert wide.headline.startswith("Does not hold: "), "only what excuses a tuning is said first"
+    four = replace(narrow, narrower=("a", "b", "c", "d", "e"))
+    assert four.headline.startswith("By narrower ranges than usual (a, b, c and 2 others): ")
 
 
 def test_of_many_runs_that_fail_the_first_sixty_are_tried_as_stated():
