@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from math import isinf
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -131,7 +132,7 @@ class Scenario:
     def shown_kpis(self) -> tuple[KPI, ...]:
         """Return the KPIs that people see, limited ones first: all but the index, which no person chose."""
         shown = [k for k in self.kpis if not k.of and (self.cost is None or k.name != "index")]
-        return tuple(sorted(shown, key=lambda kpi: kpi.met(0.0) is None))
+        return tuple(sorted(shown, key=lambda kpi: isinf(kpi.at_most) and isinf(kpi.at_least)))
 
 
 def finds_kpis(scenario: Scenario) -> bool:

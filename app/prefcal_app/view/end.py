@@ -144,7 +144,9 @@ def why_view(interview: Interview, now: Now) -> tuple[str, Sequence[str]]:
     scenario, history = interview.scenario, now.state.history
     reason, missed = _shown_reason(found.reason, question, scenario)
     learned = found.chance_of_better is not None
-    shown, best = (interview.known.nominal(each.index) for each in (new, question.incumbent))
+    shown = best = None
+    if reason.kept is not None:
+        shown, best = (interview.known.nominal(each.index) for each in (new, question.incumbent))
     told = why(
         reason,
         scenario,
