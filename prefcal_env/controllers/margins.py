@@ -489,6 +489,7 @@ def _mu(M: Complex[np.ndarray, "m n n"]) -> Float[np.ndarray, " m"]:
 
 
 _KPIS = (
+    ("M_s", "maximum sensitivity M_s", "", 0.01, "How much the loop amplifies a disturbance at most."),
     ("gain_margin", "gain margin", "dB", 0.01, "Smallest change of the gain, up or down, that is too much."),
     ("phase_margin", "phase margin", "°", 0.1, "Phase that the loop may lose before it is unstable."),
     ("delay_margin", "delay margin", "{time}", None, "Dead time that may be added."),
@@ -498,13 +499,13 @@ _KPIS = (
 
 
 def margin_kpis(time_unit: str) -> tuple[KPI, ...]:
-    """Return the KPIs that `MarginKPIs` computes; `at_least` makes one a limit."""
+    """Return the KPIs that `MarginKPIs` computes; `at_least`, of M_s `at_most`, makes one a limit."""
     return tuple(
         KPI(
             name,
             title,
             unit.format(time=time_unit),
-            better="higher",
+            better="lower" if name == "M_s" else "higher",
             about=f"{about} Of {UNCONSTRAINED}.",
             resolution=step,
             margin=True,
@@ -528,7 +529,7 @@ class MarginKPIs:
     loop: ClosedLoop
 
     def __call__(self, experiment: Experiment) -> dict[str, float]:
-        """Return the KPIs by name; an unstable loop has margins of 0.
+        """Return the KPIs by name; an unstable loop has margins of 0, and an infinite M_s.
 
         Raises:
             SettingsError: If the environment does not say its plant and task, or as `margins` does.
@@ -541,7 +542,8 @@ class MarginKPIs:
         places = [m for m in (start, target) if m is not None]
         gain = min(min(m.gain, 1 / m.gain_reduction if m.gain_reduction else np.inf) for m in places)
         return {
-            **experiment.kpis,
+            "M_s": max(m.M_s for m in places),
+            **experiment.kpis,  # with an M_s of its own, if it has one
             "gain_margin": min(float(20 * np.log10(gain)), 60.0),
             "phase_margin": min(m.phase for m in places),
             "delay_margin": min(1e4 * make().T_s, *(m.delay for m in places)),

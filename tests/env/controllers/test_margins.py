@@ -476,6 +476,10 @@ def test_margins_are_kpis_that_can_be_limits():
     kpis = {kpi.name: kpi for kpi in margin_kpis("s")}
     calm, fast, wild = (MarginKPIs(loop)(loop(np.array([K]))) for K in (0.01, 2.0, 60.0))
     assert set(kpis) == set(fast)
-    assert wild == dict.fromkeys(kpis, 0.0)
+    assert wild == dict.fromkeys(kpis, 0.0) | {"M_s": np.inf}
+    assert 1 < calm["M_s"] < fast["M_s"] < np.inf
+    assert fast["M_s"] == margins(plant, task, partial(loop.controller, np.array([2.0]))).M_s
+    own = replace(loop(np.array([2.0])), kpis={"M_s": 1.5})
+    assert MarginKPIs(loop)(own)["M_s"] == 1.5
     assert fast["gain_margin"] < calm["gain_margin"] <= 60
     assert all(np.isfinite(list(calm.values())))

@@ -1,6 +1,7 @@
 """Limits that are typed mean the same as in a file, and a wrong one says what it must be."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -109,6 +110,15 @@ def test_an_option_adds_its_limit_to_those_of_the_file_and_replaces_that_of_the_
     )
     kpis = {kpi.name: kpi for kpi in load('tank.toml {"limits": ["overshoot <= 4 %"]}').kpis}
     assert (kpis["overshoot"].at_most, kpis["settling_time"].at_most) == (4.0, 90.0)
+
+
+def test_an_own_loop_without_an_m_s_of_its_own_can_be_limited_by_that_of_its_margins():
+    pid = load(SOURCE.format("[]"))
+    own = replace(pid, kpis=tuple(kpi for kpi in pid.kpis if kpi.name != "M_s"))
+    (*_, limit) = limited(own, ["M_s <= 1.8"]).kpis
+    assert (limit.name, limit.at_most, limit.goal, limit.margin) == ("M_s", 1.8, "lower", True)
+    kept = next(kpi for kpi in limited(pid, ["M_s <= 1.8"]).kpis if kpi.name == "M_s")
+    assert kept.about == next(kpi for kpi in pid.kpis if kpi.name == "M_s").about, "a PID has its own"
 
 
 def test_of_ones_own_scenario_only_its_kpis_can_be_limited():
