@@ -25,7 +25,7 @@ FILES = ("report.html", "acceptance.html", "best.json")
 def answers(folder=Path("out")):
     """What the sheet answers about the result: what is left to gain, and why this one."""
     text = html.unescape(re.sub(r"<[^>]+>", " ", (folder / "acceptance.html").read_text(encoding="utf-8")))
-    left, why = re.search(r"Left to gain(.*?)Why this one(.*?)The way back", text, re.DOTALL).groups()
+    left, why = re.search(r"Left to gain(.*?)Why this one(.*?)The controller", text, re.DOTALL).groups()
     return " ".join(left.split()), " ".join(why.split())
 
 
