@@ -208,9 +208,9 @@ def test_the_result_is_compared_with_another_tuning_by_the_same_limits(anew):
 
 def test_a_relaxed_limit_takes_the_place_of_that_of_the_same_kpi_in_a_whole_command():
     kpis = KPI("ts", "settling time"), KPI("most", "overshoot")
-    command = partial(command_of, best="out/best.json", more=write._options_of(60, {"parameter": 0.2}))
+    command = partial(command_of, best="there/best.json", more=write._options_of(60, {"parameter": 0.2}))
     anew = partial(write._relaxed, command, ["settling time <= 2", "most <= 10"], kpis)
-    begin = "prefcal verify out/best.json --runs 60 --range parameter=0.2"
+    begin = "prefcal verify there/best.json --runs 60 --range parameter=0.2"
     assert anew(3, ["ts <= 3 s"]) == f"{begin} --seed 3 --limit 'most <= 10' --limit 'ts <= 3 s'"
     assert anew(0, ["most <= 12"]) == f"{begin} --limit 'settling time <= 2' --limit 'most <= 12'"
 
