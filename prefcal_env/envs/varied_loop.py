@@ -712,13 +712,13 @@ def _scaled(
     signal: Callable[[float], Any], around: np.ndarray, size: float, shift: np.ndarray | float = 0.0
 ) -> Callable[[float], np.ndarray]:
     """Return a signal whose distance from some values is multiplied by `size`, and that is shifted."""
-    moved = partial(_moved, around, size, shift)
+    moved = partial(_move_values, around, size, shift)
     if isinstance(signal, StepSignal):
         return StepSignal(moved(signal.start), tuple((t, moved(v)) for t, v in signal.steps))
     return lambda t: moved(signal(t))
 
 
-def _moved(around: np.ndarray, size: float, shift: np.ndarray | float, values: Any) -> np.ndarray:
+def _move_values(around: np.ndarray, size: float, shift: np.ndarray | float, values: Any) -> np.ndarray:
     return np.asarray(around + size * (np.asarray(values) - around) + shift)
 
 

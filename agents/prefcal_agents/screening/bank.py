@@ -192,12 +192,12 @@ class Simulations:
 
     def _count_missed(self, bank: Bank) -> Int[np.ndarray, " m"]:
         """Return how many stated limits each θ of a bank misses nominally, shape (m,)."""
-        missed = self.missed(bank)
+        missed = self.list_missed(bank)
         counts = missed.sum(axis=1)
         counts[bank.hopeless] = missed.shape[1] + 1
         return np.asarray(counts)
 
-    def missed(self, bank: Bank) -> Bool[np.ndarray, "m l"]:
+    def list_missed(self, bank: Bank) -> Bool[np.ndarray, "m l"]:
         """Return which of the stated limits each θ of a bank misses nominally, shape (m, l)."""
         limits = [self.reading.limits.get(name) for name in bank.names]
         limited = [k for k, most in enumerate(limits) if most is not None]

@@ -348,7 +348,7 @@ def _robustness(agent: Screening, stage: Stage, past: History, best: int) -> Rob
     whole = not simulations.reading.missed(bank.names, bank.kpis[[best]])[0]
     first, old = None, bank.find(past.samples[0].theta)
     # What misses other limits as modeled is judged by others: a count beside that of the best would mislead.
-    if old != best and np.array_equal(*simulations.missed(bank)[[old, best]]):
+    if old != best and np.array_equal(*simulations.list_missed(bank)[[old, best]]):
         first = int(simulations.runs_kept(bank.thetas[old]).sum())
     found = RobustResult(kept, (), bool(~eligible[best]), whole and bool(~eligible.all()), first=first)
     if kept < ENOUGH:
@@ -358,13 +358,15 @@ def _robustness(agent: Screening, stage: Stage, past: History, best: int) -> Rob
         top = rows[counts.argmax()]
         if not holds_more(simulations.runs_kept(bank.thetas[top]), runs):
             return found
-        return replace(found, most=int(counts.max()), **_beside(stage, past, best, int(top)))
+        return replace(found, most=int(counts.max()), **_compare_with(stage, past, best, int(top)))
     if rival == best or found.outdone or simulations.held(bank, np.array([rival]))[0]:
         return found
-    return replace(found, **_beside(stage, past, best, rival, worse=False))
+    return replace(found, **_compare_with(stage, past, best, rival, worse=False))
 
 
-def _beside(stage: Stage, past: History, best: int, other: int, *, worse: bool = True) -> dict[str, Any]:
+def _compare_with(
+    stage: Stage, past: History, best: int, other: int, *, worse: bool = True
+) -> dict[str, Any]:
     """Return another θ, and its KPIs that are better, or also those that are worse, beside the best's."""
     bank, reason = stage.bank, reason_for(stage, other, best, past)
     names = reason.better_in + reason.worse_in * worse

@@ -217,7 +217,7 @@ def export_controller(
     refuse_outdated(Path(path), content)
     channels, described, held = _channels_of(content), _described(content, path), holds(Path(path))
     if described is None:
-        raise ScenarioError(_undescribed(content, path))
+        raise ScenarioError(_explain_no_controller(content, path))
     if to == FORMS:
         found = pid_forms(
             as_data(described), content.get("units", {}), channels.time_unit, shown=time, spans=spans
@@ -233,7 +233,7 @@ def export_controller(
     )
 
 
-def _undescribed(content: Mapping[str, Any], path: str | Path) -> str:
+def _explain_no_controller(content: Mapping[str, Any], path: str | Path) -> str:
     """Return why a best.json has no controller to write, and how it gets one."""
     if not content["settings"]:
         return (

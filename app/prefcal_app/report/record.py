@@ -586,7 +586,7 @@ def controller_text(record: StudyRecord) -> str:
     if pid_forms_of(record) or source.asks:
         return ""
     if kind_of(kind := settings.get("controller")) and "model" in (settings.get("lqr") or settings):
-        return f"{kind}{_sampled(record)}; complete in best.json."
+        return f"{kind}{_name_period(record)}; complete in best.json."
     if not is_own(record.source) or is_described(record.source):
         return ""
     made = scenario.controller or source.controller
@@ -597,10 +597,10 @@ def controller_text(record: StudyRecord) -> str:
     which = "" if "<" in name else f", {'class' if inspect.isclass(made) else 'function'} {name}"
     where = f" in {path.name}{which}" if path else which
     kept = "only its settings are" if settings else "not"
-    return f"Code{where}{_sampled(record)}; form and action as written there; {kept} in best.json."
+    return f"Code{where}{_name_period(record)}; form and action as written there; {kept} in best.json."
 
 
-def _sampled(record: StudyRecord) -> str:
+def _name_period(record: StudyRecord) -> str:
     """Return how often the result moves, after other words; "" if that differs."""
     e = record.result.experiment
     periods = np.diff(e.t_control)

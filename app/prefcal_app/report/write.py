@@ -30,7 +30,7 @@ from prefcal_env.experiments.experiment import Channel, End, Experiment
 from prefcal_env.plants.jacobians import U
 from prefcal_env.sources.source import env_of, plant_of
 from prefcal_env.sources.varied import Ranges
-from prefcal_scenarios.described.description import limit_of
+from prefcal_scenarios.described.description import join_limits
 from prefcal_scenarios.described.making import limited
 from prefcal_scenarios.described.steps import marks_of
 from prefcal_scenarios.isolated import DEFAULT_LIMIT
@@ -428,7 +428,8 @@ def verify_best(
             progress=progress,
         )
     command = partial(command_of, best=str(best), more=_options_of(runs, ranges))
-    found = replace(found, anew=partial(_relaxed, command, limits, found.kpis))
+    titles = {kpi.title: kpi.name for kpi in found.kpis}
+    found = replace(found, anew=lambda seed, wanted: command(seed, join_limits(limits, wanted, titles)))
     said = _put_in_words(found, tuning, best, limits, f"{clock(UTC):%Y-%m-%d %H:%M} UTC")
     said = _offering(replace(said, limits=limits, ranges=ranges), found, own, command)
     said = _with_earlier(said, _there(best.parent))
@@ -476,22 +477,6 @@ def _options_of(runs: int, ranges: Ranges) -> list[str]:
     """Return the words that verify by as many runs with the same ranges."""
     changes = (f"{name}={_typed(change)}" for name, change in ranges.items())
     return [*(("--runs", str(runs)) if runs != RUNS else ()), *_options("--range", changes)]
-
-
-def _relaxed(
-    command: Callable[[int, Sequence[str]], str],
-    limits: Sequence[str],
-    kpis: Sequence[KPI],
-    seed: int,
-    wanted: Sequence[str],
-) -> str:
-    """Return the command that verifies with another seed, and by wanted limits in place of those of the same
-    KPIs, which may be named by their titles."""
-    names, new = {kpi.title: kpi.name for kpi in kpis}, {limit_of(text)[0] for text in wanted}
-    old = (limit_of(text)[0] for text in limits)
-    return command(
-        seed, [*(t for t, name in zip(limits, old, strict=True) if names.get(name, name) not in new), *wanted]
-    )
 
 
 def _options(flag: str, values: Iterable[str]) -> list[str]:
@@ -570,18 +555,18 @@ def _with_earlier(said: Verified, there: Verified | None) -> Verified:
     """Return what a verification says, with what earlier ones of the tuning said that asked otherwise."""
     if there is None:
         return said
-    earlier = there.earlier
-    if there.runs and _asks(there) != _asks(said):
-        asked = shlex.join(_asks(there)) or "as usual"
-        earlier += (f"{there.at}, {asked}: {re.split('[;.]', there.headline, maxsplit=1)[0]}",)
+    first, earlier = there.headline.removesuffix(".").split(". ")[0], there.earlier
+    earlier += (f"{there.at}, {_list_options(there)}: {first}",) if there.runs else ()
+    earlier = tuple(each for each in earlier if f", {_list_options(said)}: " not in each)
     told = f" Verified before, otherwise: {'; '.join(earlier)}." if earlier else ""
     return replace(said, earlier=earlier, statement=said.statement + told)
 
 
-def _asks(said: Verified) -> list[str]:
-    """Return the options of a verification."""
+def _list_options(said: Verified) -> str:
+    """Return the options of a verification as they are typed."""
     seed = ("--seed", str(said.seed)) if said.seed else ()
-    return [*_options_of(said.planned, said.ranges), *seed, *_options("--limit", said.limits)]
+    words = [*_options_of(said.planned, said.ranges), *seed, *_options("--limit", said.limits)]
+    return shlex.join(words) or "as usual"
 
 
 def written_beside(said: Verified, folder: Path) -> str:

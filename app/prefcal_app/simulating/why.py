@@ -136,12 +136,10 @@ def why(
     told = f"{told} It misses the {which} for {join_words(missed)}." if missed else told
     if reason.kept is None:
         return told
-    told = f"{told} {_held(reason.kept, 'It', scenario, shown)}"
-    return (
-        told
-        if reason.against is None
-        else f"{told} {_held(reason.against, 'The best so far', scenario, best)}"
-    )
+    held = [_held(reason.kept, "It", scenario, shown)]
+    if reason.against is not None:
+        held.append(_held(reason.against, "The best so far", scenario, best))
+    return " ".join([told, *held])
 
 
 def _differs(reason: Reason, named: Callable[[str, bool], str]) -> str:

@@ -103,10 +103,20 @@ def limit_of(text: str) -> tuple[str, dict[str, Any]]:
     return name, {end: value} | ({"unit": unit} if unit else {})
 
 
-def join_limits(kept: Iterable[str], wanted: Sequence[str]) -> list[str]:
-    """Return the wanted limits after those kept of other KPIs, each a text as `limit_of` takes it."""
-    limited = {limit_of(text)[0] for text in wanted}
-    return [*(text for text in kept if limit_of(text)[0] not in limited), *wanted]
+def join_limits(
+    kept: Iterable[str], wanted: Sequence[str], titles: Mapping[str, str] | None = None
+) -> list[str]:
+    """Return the wanted limits after those kept of other KPIs, each a text as `limit_of` takes it.
+
+    A KPI may be named by one of the `titles`, whose values are the names.
+    """
+
+    def name(text: str) -> str:
+        stated = limit_of(text)[0]
+        return (titles or {}).get(stated, stated)
+
+    limited = {name(text) for text in wanted}
+    return [*(text for text in kept if name(text) not in limited), *wanted]
 
 
 def listed(texts: Iterable[str]) -> list[str]:

@@ -241,7 +241,8 @@ class Verification:
                 left, verb = count - kept or "none", "happens" if count - kept < 2 else "happen"
                 said = f"; {left} of the {first}{count} failures {verb} at {self.stated}, too"
                 if count == 1:
-                    said = f"; the one that fails {'holds' if kept else 'fails, too,'} at {self.stated}"
+                    verb = "does not happen" if kept else "happens, too,"
+                    said = f"; the one failure {verb} at {self.stated}"
         still = [
             f"{name}, which fails nominally" if why.startswith("turned,") else name
             for name, why in self.left_out

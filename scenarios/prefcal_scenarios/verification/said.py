@@ -187,7 +187,7 @@ class Verified:
             apart=len(found.unheld),
             holds=found.holds,
             keeps_margins=found.keeps_margins,
-            outside=_outside(found),
+            outside=_explain_outside(found),
         )
 
     @property
@@ -275,7 +275,7 @@ def _compare_before(found: Verification, baseline: str) -> str:
 def _next(found: Verification, scenario: Scenario, baseline: str, again: str) -> tuple[str, ...]:
     """Return what to do next if some run fails, or the loop is not stable, a text each."""
     widen = tuple(_widened(found))
-    other = _other(found, scenario, again)
+    other = _other(found, scenario, baseline, again)
     before = _before(found, baseline, alone=not other)
     if found.tuning.margins == UNSTABLE:
         free = any(kpi.name == "M_s" and kpi.met(0.0) is None for kpi in found.kpis)  # of others, none can be
@@ -300,7 +300,7 @@ def _before(found: Verification, baseline: str, *, alone: bool) -> str:
     if not baseline or found.before is None:
         return ""
     runs, used = found.before.runs, not baseline.startswith(NEVER_USED)
-    name = f"the tuning before ({baseline})" if used else f"the {baseline}"
+    name = _name_before(baseline) + f" ({baseline})" * used
     if found.before.holds(len(found.runs)) and replace(found, tuning=found.before).sound:
         holds = f"it holds in all {len(runs)} of the same runs"
         poor = has_poor_margins(found.before.margins)
@@ -311,6 +311,11 @@ def _before(found: Verification, baseline: str, *, alone: bool) -> str:
     # The study began there: to begin there once more would end as it did.
     more = f"{old - new} more of the same {len(runs)} runs ({old} instead of {new})"
     return f"{name} holds in {more}: {'keep' if used else 'take'} it"
+
+
+def _name_before(baseline: str) -> str:
+    """Return what the first experiment is called in advice: the tuning before, if it was one."""
+    return f"the {baseline}" if baseline.startswith(NEVER_USED) else "the tuning before"
 
 
 def _better(found: Verification, other: Robustness | None) -> bool:
@@ -333,7 +338,7 @@ def _widened(found: Verification) -> Iterator[str]:
         yield f"only a larger range of {name}, or less that varies (--range), helps the plants not counted"
 
 
-def _other(found: Verification, scenario: Scenario, again: str) -> str:
+def _other(found: Verification, scenario: Scenario, baseline: str, again: str) -> str:
     """Return with which tuning to begin the next study, since it holds on more of the plants; or ""."""
     best, before = found.others.best if found.others else None, found.before
     every = best is not None and best.holds(len(found.runs)) and replace(found, tuning=best).sound
@@ -345,7 +350,7 @@ def _other(found: Verification, scenario: Scenario, again: str) -> str:
         return ""
     names = [name for name, theta in scenario.references.items() if np.array_equal(theta, best.theta)]
     which = f"the tuning {names[0]}" if names else "a tuning that was tried"
-    known = f", the tuning before in {old}{perhaps}" if before else perhaps
+    known = f", {_name_before(baseline)} in {old}{perhaps}" if before else perhaps
     return (
         f"{which} holds in {held} of the same {count} runs, this one in {count_kept(found.runs)}{known}"
         f"{_nominal_changes(found, best)}. To compare it, search on and keep what you like, "
@@ -410,7 +415,7 @@ def _kpi_row(kpi: KPI, tunings: list[Robustness]) -> tuple[str, ...]:
     return tuple(cells)
 
 
-def _outside(found: Verification) -> str:
+def _explain_outside(found: Verification) -> str:
     """Return which nominal values are outside of 5 to 95 %, and what alone explains it, in a sentence.
 
     That is a factor that has its nominal value at an end of its range, such as noise from 0 on.

@@ -29,7 +29,7 @@ from prefcal_env.disk import digest_of
 from prefcal_env.errors import ScenarioError, SettingsError, StaleError
 from prefcal_env.sources.source import plant_of
 from prefcal_scenarios import load
-from prefcal_scenarios.scenario import KPI
+from prefcal_scenarios.described.description import join_limits
 from prefcal_scenarios.verification.loop_margins import margins_at
 from prefcal_scenarios.verification.result import command_of
 from prefcal_scenarios.verification.said import BEST, REPEAT, Verified
@@ -207,28 +207,29 @@ def test_the_result_is_compared_with_another_tuning_by_the_same_limits(anew):
 
 
 def test_a_relaxed_limit_takes_the_place_of_that_of_the_same_kpi_in_a_whole_command():
-    kpis = KPI("ts", "settling time"), KPI("most", "overshoot")
+    titles, stated = {"settling time": "ts", "overshoot": "most"}, ["settling time <= 2", "most <= 10"]
     command = partial(command_of, best="there/best.json", more=write._options_of(60, {"parameter": 0.2}))
-    anew = partial(write._relaxed, command, ["settling time <= 2", "most <= 10"], kpis)
     begin = "prefcal verify there/best.json --runs 60 --range parameter=0.2"
-    assert anew(3, ["ts <= 3 s"]) == f"{begin} --seed 3 --limit 'most <= 10' --limit 'ts <= 3 s'"
-    assert anew(0, ["most <= 12"]) == f"{begin} --limit 'settling time <= 2' --limit 'most <= 12'"
+    new = command(3, join_limits(stated, ["ts <= 3 s"], titles))
+    assert new == f"{begin} --seed 3 --limit 'most <= 10' --limit 'ts <= 3 s'"
+    new = command(0, join_limits(stated, ["most <= 12"], titles))
+    assert new == f"{begin} --limit 'settling time <= 2' --limit 'most <= 12'"
 
 
 def test_what_an_earlier_verification_of_the_same_tuning_said_stands_beside_one_that_asks_otherwise():
-    first = replace(
-        FOUND, at="2026-11-30 15:32 UTC", headline="Does not hold: 4 of 9 runs; x. y", planned=299
-    )
+    words = "Does not hold: 4 of 9 runs, required ≤ 2.5 s; 3 end unsafe"
+    first = replace(FOUND, at="2026-11-30 15:32 UTC", headline=f"{words}. More.", planned=299)
     same = write._with_earlier(FOUND, first)
     assert (same.earlier, same.statement) == ((), FOUND.statement)
     narrow = replace(FOUND, planned=299, ranges={"parameter": 0.02}, seed=2)
     once = write._with_earlier(narrow, first)
-    told = "2026-11-30 15:32 UTC, as usual: Does not hold: 4 of 9 runs"
+    told = f"2026-11-30 15:32 UTC, as usual: {words}"
     assert once.statement == f"{narrow.statement} Verified before, otherwise: {told}."
     again = write._with_earlier(narrow, once)
-    assert again.earlier == once.earlier, "repeated in the same way, it adds nothing"
+    assert again.earlier == once.earlier == (told,), "repeated in the same way, it adds nothing"
     back = write._with_earlier(replace(first, at="later"), replace(once, at="then"))
-    assert back.earlier == (told, f"then, --range parameter=0.02 --seed 2: {once.headline.split('.')[0]}")
+    said = once.headline.removesuffix(".").split(". ")[0]
+    assert back.earlier == (f"then, --range parameter=0.02 --seed 2: {said}",), "asked again, no other"
     assert write._with_earlier(FOUND, None) == FOUND
 
 

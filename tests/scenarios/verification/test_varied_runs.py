@@ -254,13 +254,16 @@ def test_a_tuning_before_that_holds_on_more_of_the_same_plants_is_kept_only_beyo
     assert other.startswith("a tuning that was tried holds in 100 of the same 100 runs, this one in ")
     assert f", this one in {new}, the tuning before in {old}; nominally" in other, "one advice, not two"
     assert found.others is not None
-    found = replace(found, others=replace(found.others, best=found.before))  # none does better than that
+    others = found.others
+    found = replace(found, others=replace(others, best=found.before))  # none does better than that
     (keep,) = Verified.of(found, scenario, "current tuning", "1.0", "").advice
     assert keep == more
     for never_used in ("first experiment", "result of mine"):
         (take,) = Verified.of(found, scenario, never_used, "1.0", "").advice
         changed = keep.replace("the tuning before (current tuning)", f"the {never_used}")
         assert take == changed.replace("keep it", "take it"), "nobody said that it is in use"
+        (other,) = Verified.of(replace(found, others=others), scenario, never_used, "1.0", "").advice
+        assert f", this one in {new}, the {never_used} in {old}; nominally" in other
     lost = [k for k, each in enumerate(found.runs) if each.problems and not found.before.runs[k].problems]
     for count, better in ((4, False), (5, True)):  # 1/2 to the power of 4 is 6 %, of 5 it is 3 %
         runs = [found.before.runs[k] if k in lost[count:] else each for k, each in enumerate(found.runs)]
