@@ -170,10 +170,14 @@ _VERDICTS = {"y": True, "n": False}
 
 @contextmanager
 def _bars() -> Iterator[Progress]:
-    """Yield a function of the number of runs that arrived and of all, for a bar, and one of further runs."""
+    """Yield a function of the number of runs that arrived and of all, for a bar, and one of further runs.
+
+    Where no bar can move, as in a log, it writes a line after each tenth of the runs.
+    """
     columns = bar.TextColumn("{task.description}"), bar.BarColumn(), bar.MofNCompleteColumn()
     times = bar.TimeElapsedColumn(), bar.TimeRemainingColumn()
-    display = bar.Progress(*columns, *times, console=Console(stderr=True, emoji=False))
+    console = Console(stderr=True, emoji=False)
+    display = bar.Progress(*columns, *times, console=console, disable=not console.is_terminal)
     planned = 0
 
     def tell(arrived: int, total: int | None) -> None:
@@ -186,7 +190,10 @@ def _bars() -> Iterator[Progress]:
         if further and len(display.task_ids) == 1:
             display.add_task("task as stated, other tunings")
         before = planned * further
-        display.update(display.task_ids[-1], completed=arrived - before, total=(total or 0) - before)
+        done, of = arrived - before, (total or 0) - before
+        if display.disable and 10 * done // max(of, 1) > 10 * display.tasks[-1].completed // max(of, 1):
+            say(console, f"{display.tasks[-1].description}: {done} of {of}")
+        display.update(display.task_ids[-1], completed=done, total=of)
 
     try:
         yield tell
@@ -198,7 +205,8 @@ def _bars() -> Iterator[Progress]:
 def verify(options: VerifyOptions) -> int:
     """Verify the tuning; return the exit code."""
     best, console = _best(options.best), Console(emoji=False)
-    with _bars() as progress:
+    # `kill` is Ctrl-C here: what was run until then counts. Processes are fresh, so none inherits it.
+    with _bars() as progress, interruption(others=True) as ctrl_c, ctrl_c.allowed():
         said = verify_best(
             best,
             options.runs,

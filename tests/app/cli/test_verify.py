@@ -1,12 +1,16 @@
 """`prefcal verify`: what it prints, keeps and asks, and when it ends with an error."""
 
 import json
+import math
+import re
 import shlex
+import signal
 
 import pytest
 
 from prefcal_app.cli import look_run
 from prefcal_scenarios.verification.said import Verified
+from support.processes import start
 
 LAG = {"K": 2.0, "T_i": 20.0, "T_d": 3.0, "T_f": 3.0, "b": 0.5, "T_t": 20.0}
 
@@ -197,3 +201,17 @@ def test_errors_of_use_say_what_is_wrong(prefcal, best, changes, words, says):
     code, _, err = prefcal("verify", best(**changes), *words)
     assert code != 0
     assert says in " ".join(err.split())
+
+
+def test_a_log_counts_the_runs_and_what_ran_before_kill_counts(best, tmp_path):
+    process = start(tmp_path, "verify", best(), "--runs", "2000", "--jobs", "1")
+    try:
+        said = re.fullmatch(r"varied runs: (\d+) of (\d+)\n", process.stderr.readline())
+        assert int(said[1]) == math.ceil(int(said[2]) / 10)
+        process.send_signal(signal.SIGTERM)
+        out, err = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == 0, err
+    assert "(stopped early, 2000 were planned)" in " ".join(out.split())
+    assert 200 < Verified.read(tmp_path).runs < 2000
