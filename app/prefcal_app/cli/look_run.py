@@ -17,7 +17,7 @@ from prefcal_app.looking import SideBySide
 from prefcal_app.looking.look import run_from
 from prefcal_app.looking.pair import NamedRun
 from prefcal_app.report.export import export_controller, holds
-from prefcal_app.report.write import judge, picture, verify_best, written_beside
+from prefcal_app.report.verifying import judge, picture, verify_best, written_beside
 from prefcal_app.terminal.showing import ask_line, say, show_kpis
 from prefcal_env.errors import SettingsError
 from prefcal_env.study import study_path

@@ -1,15 +1,10 @@
-"""Write the report: the page, the sheet to sign, what a verification adds to it, and the folder."""
+"""Write the report: the page, the sheet to sign with what a verification says, and the folder."""
 
 import re
-import shlex
 from base64 import b64encode
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import suppress
-from dataclasses import replace
-from datetime import UTC, datetime, tzinfo
-from functools import cache, partial
+from collections.abc import Iterator, Sequence
+from functools import cache
 from importlib.resources import files
-from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -24,40 +19,16 @@ from prefcal_app.view.end import FIRST, can_go_back, count_first, pid_table
 from prefcal_app.view.question import cell, column, row, table, theta_view
 from prefcal_env.controllers.forms import ALL, PARALLEL
 from prefcal_env.controllers.margins import Margins
-from prefcal_env.disk import digest_of
-from prefcal_env.errors import ScenarioError, StaleError
 from prefcal_env.experiments.experiment import Channel, End, Experiment
 from prefcal_env.plants.jacobians import U
 from prefcal_env.sources.source import env_of, plant_of
-from prefcal_env.sources.varied import Ranges
-from prefcal_scenarios.described.description import join_limits
-from prefcal_scenarios.described.making import limited
-from prefcal_scenarios.described.steps import marks_of
-from prefcal_scenarios.isolated import DEFAULT_LIMIT
-from prefcal_scenarios.names import is_described
-from prefcal_scenarios.runs import Progress, processes_kept
-from prefcal_scenarios.scenario import KPI, Picture, Scenario, finds_kpis, with_found_kpis
+from prefcal_scenarios.scenario import Picture, Scenario
 from prefcal_scenarios.style import WIDTH, png, style
-from prefcal_scenarios.verification import Verification, verify
 from prefcal_scenarios.verification.loop_margins import margins_said
-from prefcal_scenarios.verification.result import VerifiedRun, command_of
-from prefcal_scenarios.verification.said import (
-    BEST,
-    NOT_VARIED,
-    REFUSED,
-    REPEAT,
-    USUAL,
-    VARIED,
-    Verified,
-    WorstRun,
-)
-from prefcal_scenarios.verification.said import FILE as VERIFICATION
-from prefcal_scenarios.verification.varied_runs import RUNS, replays, unvaried
+from prefcal_scenarios.verification.said import BEST, NOT_VARIED, USUAL, VARIED, Verified
 from prefcal_scenarios.wording import (
     counted,
     exact_number,
-    folder_for,
-    limits_text,
     number,
     put,
     sentence,
@@ -66,17 +37,8 @@ from prefcal_scenarios.wording import (
     with_unit,
 )
 
-from .export import (
-    NOT_VERIFIED,
-    REBUILD,
-    BestTuning,
-    best_as_json,
-    model,
-    tuning_of,
-    verified_beside,
-    versions,
-)
-from .pictures import PICTURES, Drawn, best_against, draw, figure, open_loop
+from .export import NOT_VERIFIED, REBUILD, best_as_json, model, verified_beside, versions
+from .pictures import PICTURES, Drawn, best_against, draw, open_loop
 from .record import (
     StudyRecord,
     comparison_table,
@@ -369,281 +331,6 @@ def _renew(path: Path, made: str, verdict: str, required: Required = ()) -> None
         put(path, _require(_PART.sub(lambda _: made, text, count=1), required).encode())
 
 
-# --- Verify the tuning of a best.json; what came of it stays beside it, and on the acceptance sheet.
-
-_VERDICTS = {True: "acceptable", False: REFUSED}
-
-
-@processes_kept()
-def verify_best(
-    best: Path,
-    runs: int | None = None,
-    *,
-    limits: Sequence[str] | None = None,
-    ranges: Ranges | None = None,
-    jobs: int | None = None,
-    timeout: float | None = None,
-    seed: int | None = None,
-    progress: Progress | bool = False,
-    clock: Callable[[tzinfo], datetime] = datetime.now,
-) -> Verified:
-    """Return what came of varying the plant of a best.json, written durably beside it.
-
-    One of fewer runs than the one that is there does not replace it: see `written_beside`. Where `runs`,
-    `limits`, `ranges` or `seed` is None, it is that of the one that is there.
-
-    Args:
-        best: The file.
-        runs: Number of random runs.
-        limits: Limits of KPIs or margins beside those of the study, each a text such as "overshoot <= 10 %".
-        ranges: Relative changes, as for `verify`.
-        jobs: Number of processes, as for `verify`.
-        timeout: Time limit of each run in seconds; None for that of a study, an hour.
-        seed: Seed of the variations, as for `verify`.
-        progress: As for `simulate_many`.
-        clock: Function of a time zone that returns the time, for the date of the verdict.
-
-    Raises:
-        PrefcalError: If the file or a range does not fit, the folder cannot be written, or nothing of the
-            scenario can vary.
-    """
-    tuning = _verifiable(best)
-    if tuning.own and timeout is None:
-        timeout = DEFAULT_LIMIT
-    runs, limits, ranges, seed = _asked(best.parent, runs, limits, ranges, seed)
-    tuning, own = _limited(tuning, limits, timeout), tuning.scenario.kpis
-    if tuning.scenario.source.asks:
-        found = unvaried(tuning.scenario, tuning.theta, tuning)
-    else:
-        found = verify(
-            tuning.scenario,
-            tuning.theta,
-            runs,
-            start=tuning.before,
-            seed=seed,
-            noise=tuning.seed,
-            ranges=ranges,
-            jobs=jobs,
-            timeout=timeout,
-            progress=progress,
-        )
-    command = partial(command_of, best=str(best), more=_options_of(runs, ranges))
-    titles = {kpi.title: kpi.name for kpi in found.kpis}
-    found = replace(found, anew=lambda seed, wanted: command(seed, join_limits(limits, wanted, titles)))
-    said = _put_in_words(found, tuning, best, limits, f"{clock(UTC):%Y-%m-%d %H:%M} UTC")
-    said = _offering(replace(said, limits=limits, ranges=ranges), found, own, command)
-    said = _with_earlier(said, _there(best.parent))
-    _keep(said, found, tuning, best, timeout)
-    return said
-
-
-def _asked(
-    folder: Path, runs: int | None, limits: Sequence[str] | None, ranges: Ranges | None, seed: int | None
-) -> tuple[int, tuple[str, ...], Ranges, int]:
-    """Return what is asked of a verification: what is None as in the one in a folder, else as usual."""
-    there = _there(folder)
-    known: tuple[int, tuple[str, ...], Ranges, int] = (RUNS, (), {}, 0)
-    if there is not None:
-        known = there.planned or RUNS, there.limits, there.ranges, there.seed
-    return (
-        known[0] if runs is None else runs,
-        known[1] if limits is None else tuple(limits),
-        known[2] if ranges is None else ranges,
-        known[3] if seed is None else seed,
-    )
-
-
-def _verifiable(best: Path) -> BestTuning:
-    """Return the tuning of a best.json whose folder can be written."""
-    if best.name != BEST:
-        raise ScenarioError(
-            f"what is verified must be called {BEST}, as verification.json counts for that: got {str(best)!r}"
-        )
-    tuning = tuning_of(best)
-    folder_for(best.parent)
-    return tuning
-
-
-def _limited(tuning: BestTuning, limits: Sequence[str], timeout: float | None) -> BestTuning:
-    """Return the tuning with further limits of KPIs, which one more run finds if the scenario states none."""
-    scenario = tuning.scenario
-    if limits and finds_kpis(scenario) and not scenario.source.asks:
-        run = VerifiedRun({}, tuning.seed, tuning.end, {})
-        scenario = with_found_kpis(scenario, replays(scenario, tuning.theta, [run], timeout)[0])
-    return replace(tuning, scenario=limited(scenario, limits))
-
-
-def _options_of(runs: int, ranges: Ranges) -> list[str]:
-    """Return the words that verify by as many runs with the same ranges."""
-    changes = (f"{name}={_typed(change)}" for name, change in ranges.items())
-    return [*(("--runs", str(runs)) if runs != RUNS else ()), *_options("--range", changes)]
-
-
-def _options(flag: str, values: Iterable[str]) -> list[str]:
-    return [word for value in values for word in (flag, value)]
-
-
-def _typed(change: float | Sequence[float]) -> str:
-    ends = [change] if isinstance(change, float | int) else change
-    return ":".join(repr(float(end)).removesuffix(".0") for end in ends)
-
-
-def _begin_another(tuning: BestTuning, best: Path, limits: Sequence[str]) -> str:
-    """Return how to compare the result with another tuning by these limits, up to the name of that."""
-    limited = shlex.join(_options("--limit", limits)) if is_described(tuning.source) else ""
-    words = [f"run: {tuning.anew}" if tuning.anew else REPEAT, *filter(None, [limited])]
-    if tuning.anew and "--calibrator human" not in tuning.anew:  # the folder of theirs has the study's name
-        folder = best.parent if best.parent.name else Path(best.resolve().parent.name)
-        free = (Path(f"{folder}-{k}") for k in count(2))
-        words.append(shlex.join(["--out", str(next(each for each in free if not each.exists()))]))
-    if tuning.before is not None or " --start " not in tuning.anew:  # else, the study began with its result
-        words.append(shlex.join(["--start", str(best)]))
-    return " ".join(words)
-
-
-def _put_in_words(
-    found: Verification, tuning: BestTuning, best: Path, limits: Sequence[str], at: str
-) -> Verified:
-    """Return what a verification says of a best.json, with earlier verdicts on the same worst runs."""
-    if found.planned and not found.runs and not found.unheld:
-        raise ScenarioError("stopped before a random run was completed, so nothing is written")
-    if not best.is_file() or digest_of(best) != tuning.digest:
-        raise StaleError(f"{str(best)!r} changed while its tuning was verified: verify again")
-    version = versions()["prefcal"]
-    baseline = "" if tuning.before is None else tuning.baseline  # else, it counts as one that did not run
-    again = _begin_another(tuning, best, limits)
-    said = Verified.of(found, tuning.scenario, baseline, version, tuning.digest, again)
-    if limits and not is_described(tuning.source):
-        first = f"; first state {'; '.join(limits)} in the KPIs of your file"
-        said = replace(said, advice=tuple(f"{a}{first}" if again in a else a for a in said.advice))
-    changed = "Of the plant as its files are now, not as in the study. " if tuning.changed else ""
-    return replace(said, headline=f"{changed}{said.headline}", worst=_judged(said.worst, best.parent), at=at)
-
-
-def _offering(
-    said: Verified, found: Verification, own: Sequence[KPI], command: Callable[[int, Sequence[str]], str]
-) -> Verified:
-    """Return what a verification says, with its own limits and the command that judges by usual ones.
-
-    Where it is judged by looser limits than `own`, those of the study, that comes first.
-    """
-    told = f"{said.limits_kept} Stated for this verification, not in the study: {'; '.join(said.limits)}."
-    if said.limits:
-        looser = "; ".join(_list_looser(own, found.kpis))
-        first = f"By looser limits than the study's ({looser}): " if looser else ""
-        nominal, stated = found.tuning.nominal.kpis, {kpi.name for kpi in own if limits_text(kpi)}
-        new = [k for k in found.kpis if limits_text(k) and k.name in nominal.keys() - stated]
-        required = tuple((k.title, limits_text(k), k.met(nominal[k.name])) for k in new)
-        said = replace(said, limits_kept=told, headline=f"{first}{said.headline}", required=required)
-    usual = [f"{k.name} <= {float(f'{limit:.4g}'):g} {k.unit}".strip() for k, limit, _ in found.usual]
-    if not usual:
-        return said
-    lines = (command(said.seed, [*said.limits, *usual]),)
-    return replace(said, lines=lines, limits_kept=f"{said.limits_kept} To judge it by the usual limits, run:")
-
-
-def _list_looser(own: Sequence[KPI], now: Sequence[KPI]) -> Iterator[str]:
-    """Yield the limits of KPIs that are looser than their own ones, in words."""
-    known = {kpi.name: kpi for kpi in own}
-    for kpi in now:
-        before = known.get(kpi.name, kpi)
-        if kpi.at_most > before.at_most or kpi.at_least < before.at_least:
-            yield f"{kpi.title} {limits_text(kpi)} in place of {limits_text(before)}"
-
-
-def _with_earlier(said: Verified, there: Verified | None) -> Verified:
-    """Return what a verification says, with what earlier ones of the tuning said that asked otherwise."""
-    if there is None:
-        return said
-    first, earlier = there.headline.removesuffix(".").split(". ")[0], there.earlier
-    earlier += (f"{there.at}, {_list_options(there)}: {first}",) if there.runs else ()
-    earlier = tuple(each for each in earlier if f", {_list_options(said)}: " not in each)
-    told = f" Verified before, otherwise: {'; '.join(earlier)}." if earlier else ""
-    return replace(said, earlier=earlier, statement=said.statement + told)
-
-
-def _list_options(said: Verified) -> str:
-    """Return the options of a verification as they are typed."""
-    seed = ("--seed", str(said.seed)) if said.seed else ()
-    words = [*_options_of(said.planned, said.ranges), *seed, *_options("--limit", said.limits)]
-    return shlex.join(words) or "as usual"
-
-
-def written_beside(said: Verified, folder: Path) -> str:
-    """Return the file of a verification of fewer runs than the one in a folder, which stays; "" if not so."""
-    kept = _there(folder)
-    fewer = kept is not None and kept.made > said.made
-    return f"verification-{said.made}-runs.json" if fewer else ""
-
-
-def _there(folder: Path) -> Verified | None:
-    """Return what was verified of the best.json in a folder; None if it is damaged."""
-    with suppress(ScenarioError):
-        return Verified.read(folder)
-    return None
-
-
-def _keep(said: Verified, found: Verification, tuning: BestTuning, best: Path, timeout: float | None) -> None:
-    """Write what a verification says; unless that is beside another, complete the pages with it."""
-    beside = written_beside(said, best.parent)
-    said.write(best.parent, beside or VERIFICATION)
-    if beside:
-        return
-    _keep_loop(best.parent, tuning.scenario, [each.margins for each in (found.tuning, found.before) if each])
-    for stale in best.parent.glob("worst_run_*.png"):
-        stale.unlink(missing_ok=True)
-    with suppress(Exception):  # what cannot run again has no picture
-        for rank, drawn in _draw(tuning, found.worst(), said.worst, timeout):
-            put(best.parent / picture(rank), drawn)
-    refresh(best.parent)
-
-
-def _judged(worst: Sequence[WorstRun], folder: Path) -> tuple[WorstRun, ...]:
-    """Return runs with the verdicts that the verification in a folder has on the same ones."""
-    before = _there(folder)
-    given = [] if before is None else [(replace(run, verdict=""), run.verdict) for run in before.worst]
-    return tuple(replace(each, verdict=next((v for run, v in given if run == each), "")) for each in worst)
-
-
-def picture(worst: int) -> str:
-    """Return the name of the picture of one of the worst runs, numbered from 0."""
-    return f"worst_run_{worst + 1}.png"
-
-
-def judge(folder: Path, worst: int, *, acceptable: bool) -> Verified:
-    """Keep a person's verdict on one of the worst runs, numbered from 0.
-
-    Raises:
-        StaleError: If there is no such run of the best.json that is there.
-    """
-    said = Verified.read(folder)
-    if said is None or not 0 <= worst < len(said.worst):
-        raise StaleError(f"worst run {worst + 1} is not of the best.json in {str(folder)!r}: verify again")
-    runs = list(said.worst)
-    runs[worst] = replace(runs[worst], verdict=_VERDICTS[acceptable])
-    told = replace(said, worst=tuple(runs))
-    told.write(folder)
-    refresh(folder)
-    return told
-
-
-def _draw(
-    tuning: BestTuning, worst: Sequence[VerifiedRun], said: Sequence[WorstRun], timeout: float | None
-) -> Iterator[tuple[int, bytes]]:
-    """Yield number and PNG of the worst runs that did not fail, beside nominal ones of the same seed."""
-    shown = [(rank, run) for rank, run in enumerate(worst) if run.end is not End.FAILED]
-    runs = [each for _, run in shown for each in (replace(run, values={}), run)]
-    made = replays(tuning.scenario, tuning.theta, runs, timeout) if runs else []
-    for (rank, _), nominal, varied in zip(shown, made[::2], made[1::2], strict=True):
-        labels, words = ("nominal", f"worst run {rank + 1}"), f"{said[rank].words}: {said[rank].text}."
-        below, lasts = f"Worst run {rank + 1}: {words}", max(nominal.duration, varied.duration)
-        runs_by = dict(zip(labels, (nominal, varied), strict=True))
-        marks = {label: marks_of(tuning.scenario.kpis, run, lasts) for label, run in runs_by.items()}
-        if any(marks.values()):
-            below += " Stated limits of runs are dashed, the band in which they settle is shaded."
-        yield rank, png(figure(tuning.scenario, nominal, varied, labels, own=True, marks=marks, below=below))
-
-
 # --- Fill in the acceptance sheet of a study: before and after on one or two pages, with lines to sign.
 
 _MOST_ROWS, _LIMITS = 16, 4  # largest number of knobs, and of KPIs with limits; how many of them are limits
@@ -884,13 +571,13 @@ def write_report(record: StudyRecord, folder: Path, extra: Sequence[Picture] = (
     if record.best is not None:
         verified = verified_beside(folder / BEST)
         if not (isinstance(verified, Verified) and _drawn_in(folder)):
-            _keep_loop(folder, record.scenario, record.margins)
+            keep_loop(folder, record.scenario, record.margins)
         put(folder / FILE, sheet(record, verified, _drawn_in(folder)).encode())
     put(folder / REPORT, page(record, drawn, verified, _drawn_in(folder)).encode())
     return folder / REPORT
 
 
-def _keep_loop(folder: Path, scenario: Scenario, found: Sequence[Margins | str]) -> None:
+def keep_loop(folder: Path, scenario: Scenario, found: Sequence[Margins | str]) -> None:
     """Write the picture of the open loop into a folder; remove an earlier one if margins are not known."""
     plant = plant_of(scenario.source)
     if plant is not None and (drawn := open_loop(found, scenario.kpis, plant)):

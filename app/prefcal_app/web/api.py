@@ -316,7 +316,7 @@ class Verifying:
             known = [] if said is None else [(each.seed, said.best) for each in said.worst]
             if folder is None or known[run : run + 1] != [(seed, best)]:
                 raise StaleError("the result was verified again since you looked")
-            report.write.judge(folder, run, acceptable=acceptable)
+            report.verifying.judge(folder, run, acceptable=acceptable)
 
     def view(self) -> dict[str, Any]:
         """Return how far it is, and what came of it, or why that is not known."""
@@ -334,8 +334,8 @@ class Verifying:
 
     def _verify(self, folder: Path) -> None:
         try:
-            said = report.write.verify_best(folder / verification.said.BEST, progress=self._progress)
-            if report.write.written_beside(said, folder):
+            said = report.verifying.verify_best(folder / verification.said.BEST, progress=self._progress)
+            if report.verifying.written_beside(said, folder):
                 self._problem = f"Only {said.made} runs: an earlier verification has more and stays."
         except Exception as error:
             _, self._problem, _ = explain(error)
@@ -369,7 +369,7 @@ def _view(said: "verification.said.Verified", folder: Path) -> dict[str, Any]:
                 "verdict": each.verdict,
                 "picture": f"/report/{name}" if (folder / name).is_file() else "",  # it may not be drawn
             }
-            for each, name in zip(said.worst, map(report.write.picture, count()), strict=False)
+            for each, name in zip(said.worst, map(report.verifying.picture, count()), strict=False)
         ],
     }
 

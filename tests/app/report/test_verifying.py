@@ -11,20 +11,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from prefcal_app.report import write
+from prefcal_app.report import verifying
 from prefcal_app.report.pictures import open_loop
-from prefcal_app.report.write import (
-    FILE,
-    LOOP,
-    VERIFICATION,
-    data_uri,
-    judge,
-    picture,
-    refresh,
-    verify_best,
-    write_report,
-    written_beside,
-)
+from prefcal_app.report.verifying import judge, picture, verify_best, written_beside
+from prefcal_app.report.write import FILE, LOOP, data_uri, refresh, write_report
 from prefcal_env.disk import digest_of
 from prefcal_env.errors import ScenarioError, SettingsError, StaleError
 from prefcal_env.sources.source import plant_of
@@ -33,6 +23,7 @@ from prefcal_scenarios.described.description import join_limits
 from prefcal_scenarios.verification.loop_margins import margins_at
 from prefcal_scenarios.verification.result import command_of
 from prefcal_scenarios.verification.said import BEST, REPEAT, Verified
+from prefcal_scenarios.verification.said import FILE as VERIFICATION
 from prefcal_scenarios.wording import measured_texts
 from support.verified import FOUND
 from toy_study import toy_record
@@ -201,14 +192,15 @@ def test_a_limit_looser_than_that_of_the_study_is_the_first_thing_said(tmp_path)
 def test_the_result_is_compared_with_another_tuning_by_the_same_limits(anew):
     tuning, best = SimpleNamespace(anew=anew, source="a.toml", before=LAG), Path("out", BEST)
     begin = f"run: {anew}" if anew else REPEAT
-    assert write._begin_another(tuning, best, ["x <= 1"]) == f"{begin} --limit 'x <= 1' --start out/best.json"
+    another = verifying._begin_another(tuning, best, ["x <= 1"])
+    assert another == f"{begin} --limit 'x <= 1' --start out/best.json"
     tuning.source = "lag"  # what is no file of a plant takes no limits
-    assert write._begin_another(tuning, best, ["x <= 1"]) == f"{begin} --start out/best.json"
+    assert verifying._begin_another(tuning, best, ["x <= 1"]) == f"{begin} --start out/best.json"
 
 
 def test_a_relaxed_limit_takes_the_place_of_that_of_the_same_kpi_in_a_whole_command():
     titles, stated = {"settling time": "ts", "overshoot": "most"}, ["settling time <= 2", "most <= 10"]
-    command = partial(command_of, best="there/best.json", more=write._options_of(60, {"parameter": 0.2}))
+    command = partial(command_of, best="there/best.json", more=verifying._options_of(60, {"parameter": 0.2}))
     begin = "prefcal verify there/best.json --runs 60 --range parameter=0.2"
     new = command(3, join_limits(stated, ["ts <= 3 s"], titles))
     assert new == f"{begin} --seed 3 --limit 'most <= 10' --limit 'ts <= 3 s'"
@@ -219,24 +211,24 @@ def test_a_relaxed_limit_takes_the_place_of_that_of_the_same_kpi_in_a_whole_comm
 def test_what_an_earlier_verification_of_the_same_tuning_said_stands_beside_one_that_asks_otherwise():
     words = "Does not hold: 4 of 9 runs, required ≤ 2.5 s; 3 end unsafe"
     first = replace(FOUND, at="2026-11-30 15:32 UTC", headline=f"{words}. More.", planned=299)
-    same = write._with_earlier(FOUND, first)
+    same = verifying._with_earlier(FOUND, first)
     assert (same.earlier, same.statement) == ((), FOUND.statement)
     narrow = replace(FOUND, planned=299, ranges={"parameter": 0.02}, seed=2)
-    once = write._with_earlier(narrow, first)
+    once = verifying._with_earlier(narrow, first)
     told = f"2026-11-30 15:32 UTC, as usual: {words}"
     assert once.statement == f"{narrow.statement} Verified before, otherwise: {told}."
-    again = write._with_earlier(narrow, once)
+    again = verifying._with_earlier(narrow, once)
     assert again.earlier == once.earlier == (told,), "repeated in the same way, it adds nothing"
-    back = write._with_earlier(replace(first, at="later"), replace(once, at="then"))
+    back = verifying._with_earlier(replace(first, at="later"), replace(once, at="then"))
     said = once.headline.removesuffix(".").split(". ")[0]
     assert back.earlier == (f"then, --range parameter=0.02 --seed 2: {said}",), "asked again, no other"
-    assert write._with_earlier(FOUND, None) == FOUND
+    assert verifying._with_earlier(FOUND, None) == FOUND
 
 
 def test_a_result_with_which_its_study_began_stands_once_in_the_command():
     anew = "prefcal calibrate lag --calibrator human --start K=2"
     tuning = SimpleNamespace(anew=anew, source="lag", before=None)
-    assert write._begin_another(tuning, Path(BEST), []) == f"run: {anew}"
+    assert verifying._begin_another(tuning, Path(BEST), []) == f"run: {anew}"
 
 
 def test_what_compares_another_tuning_unattended_has_a_folder_that_is_free(tmp_path, monkeypatch):
@@ -244,8 +236,8 @@ def test_what_compares_another_tuning_unattended_has_a_folder_that_is_free(tmp_p
     (tmp_path / "out-2").mkdir()
     tuning = SimpleNamespace(anew="prefcal calibrate lag --calibrator synthetic", source="lag", before=LAG)
     begun = f"run: {tuning.anew} --out"
-    assert write._begin_another(tuning, Path("out", BEST), []) == f"{begun} out-3 --start out/best.json"
-    assert write._begin_another(tuning, Path(BEST), []) == f"{begun} {tmp_path.name}-2 --start best.json"
+    assert verifying._begin_another(tuning, Path("out", BEST), []) == f"{begun} out-3 --start out/best.json"
+    assert verifying._begin_another(tuning, Path(BEST), []) == f"{begun} {tmp_path.name}-2 --start best.json"
 
 
 def test_an_own_scenario_that_states_no_kpis_is_limited_by_those_of_its_run(tmp_path):

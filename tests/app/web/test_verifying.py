@@ -46,10 +46,10 @@ def runs(monkeypatch):
         progress(2, 2)
         said = said_of(best.parent)
         said.write(best.parent)
-        (best.parent / report.write.picture(0)).touch()
+        (best.parent / report.verifying.picture(0)).touch()
         return said
 
-    monkeypatch.setattr(report.write, "verify_best", verify)
+    monkeypatch.setattr(report.verifying, "verify_best", verify)
     return go, counted
 
 
@@ -109,7 +109,7 @@ def test_a_stop_ends_the_runs_early(page, folder, monkeypatch):
         except KeyboardInterrupt:
             ended.set()
 
-    monkeypatch.setattr(report.write, "verify_best", verify)
+    monkeypatch.setattr(report.verifying, "verify_best", verify)
     page.reports.folder = folder
     page.post("verify")
     page.post("stop_verifying")
@@ -129,7 +129,7 @@ def test_what_went_wrong_is_said_and_it_can_start_again(page, folder, monkeypatc
     def refuse(best, *, progress):
         raise ScenarioError("give it parameters as arguments")
 
-    monkeypatch.setattr(report.write, "verify_best", refuse)
+    monkeypatch.setattr(report.verifying, "verify_best", refuse)
     page.reports.folder = folder
     page.post("verify")
     told = until(page.page(), lambda told: not told["running"])
@@ -156,7 +156,7 @@ def test_closing_ends_the_runs_and_waits_until_they_are_kept(page, folder, monke
             time.sleep(0.1)
             said_of(best.parent).write(best.parent)
 
-    monkeypatch.setattr(report.write, "verify_best", verify)
+    monkeypatch.setattr(report.verifying, "verify_best", verify)
     page.reports.folder = folder
     found = api.Verifying(page.reports)
     found.start()
