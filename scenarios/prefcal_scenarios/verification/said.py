@@ -276,7 +276,7 @@ def _next(found: Verification, scenario: Scenario, baseline: str, again: str) ->
     """Return what to do next if some run fails, or the loop is not stable, a text each."""
     widen = tuple(_widened(found))
     other = _other(found, scenario, baseline, again)
-    before = _before(found, baseline, alone=not other)
+    before = _before(found, scenario, baseline, alone=not other)
     if found.tuning.margins == UNSTABLE:
         free = any(kpi.name == "M_s" and kpi.met(0.0) is None for kpi in found.kpis)  # of others, none can be
         first = "state a limit on M_s, such as at most 2," if free else "begin elsewhere (--start)"
@@ -292,7 +292,7 @@ def _next(found: Verification, scenario: Scenario, baseline: str, again: str) ->
     return (*filter(None, (*every, left)), *found.advice)
 
 
-def _before(found: Verification, baseline: str, *, alone: bool) -> str:
+def _before(found: Verification, scenario: Scenario, baseline: str, *, alone: bool) -> str:
     """Return that the tuning before is to be kept: it holds in all runs, or in more, beyond chance; or "".
 
     If it is not `alone` in that, another one that holds in more is advised in its place.
@@ -300,7 +300,9 @@ def _before(found: Verification, baseline: str, *, alone: bool) -> str:
     if not baseline or found.before is None:
         return ""
     runs, used = found.before.runs, not baseline.startswith(NEVER_USED)
-    name = _name_before(baseline) + f" ({baseline})" * used
+    # What was in use stands in the plant; of anything else, no file tells the values.
+    which = baseline if used else typed_theta(scenario.space, found.before.theta.tolist())
+    name = f"{_name_before(baseline)} ({which})"
     if found.before.holds(len(found.runs)) and replace(found, tuning=found.before).sound:
         holds = f"it holds in all {len(runs)} of the same runs"
         poor = has_poor_margins(found.before.margins)

@@ -260,7 +260,7 @@ def test_a_tuning_before_that_holds_on_more_of_the_same_plants_is_kept_only_beyo
     assert keep == more
     for never_used in ("first experiment", "result of mine"):
         (take,) = Verified.of(found, scenario, never_used, "1.0", "").advice
-        changed = keep.replace("the tuning before (current tuning)", f"the {never_used}")
+        changed = keep.replace("the tuning before (current tuning)", f"the {never_used} (gain=2)")
         assert take == changed.replace("keep it", "take it"), "nobody said that it is in use"
         (other,) = Verified.of(replace(found, others=others), scenario, never_used, "1.0", "").advice
         assert f", this one in {new}, the {never_used} in {old}; nominally" in other
@@ -360,8 +360,8 @@ def test_a_tuning_before_that_holds_with_poor_margins_is_not_simply_taken():
     poor = Margins(1.3, 0.0, 22.0, 0.2, 4.86, 0.3)
     shaky = replace(found, before=replace(found.before, margins=poor))
     assert Verified.of(shaky, SPRING, "first experiment", "1.0", "").advice[0] == (
-        "look at the first experiment: it holds in all 100 of the same runs, but its nominal "
-        "loop does not have M_s ≤ 2 or gain ≥ 6 dB or phase ≥ 30°"
+        f"look at the first experiment (gain={THETA[0] / 2:g}): it holds in all 100 of the same runs, but "
+        "its nominal loop does not have M_s ≤ 2 or gain ≥ 6 dB or phase ≥ 30°"
     )
 
 
