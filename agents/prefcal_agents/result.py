@@ -416,8 +416,12 @@ _CERTAIN = 0.8
 less sure ones, and none of the 11 limits that were named with them (docs/research/archive.md)."""
 
 
-def wishes(pool: DrawPool, history: History, spread: Int[np.ndarray, " r"], result: int) -> dict[str, float]:
-    """Return how surely the person wanted each KPI better; only those that are sure enough are named.
+def wishes(
+    pool: DrawPool, history: History, spread: Int[np.ndarray, " r"], result: int
+) -> dict[str, tuple[float, float]]:
+    """Return how surely the person wanted each KPI better, and from which value on a worse one is noticed.
+
+    Only those that are sure enough are named.
 
     Args:
         spread: Rows of the bank that fill the space, shape (r,).
@@ -428,7 +432,7 @@ def wishes(pool: DrawPool, history: History, spread: Int[np.ndarray, " r"], resu
         return {}
     draws = cautious(pool, history)
     found = {name: _certainty(pool, draws, usable, result, k) for k, name in enumerate(pool.scale.names)}
-    return {name: certainty for name, certainty in found.items() if certainty >= _CERTAIN}
+    return {name: (certainty, value) for name, (certainty, value) in found.items() if certainty >= _CERTAIN}
 
 
 def cautious(pool: DrawPool, history: History) -> Utilities:
@@ -436,17 +440,19 @@ def cautious(pool: DrawPool, history: History) -> Utilities:
     return pool.drawn(history, _DRAWS, _POWER)
 
 
-def _certainty(pool: DrawPool, draws: Utilities, rows: Int[np.ndarray, " r"], result: int, kpi: int) -> float:
-    """Return how surely a worse value would be noticed, all other KPIs the same.
+def _certainty(
+    pool: DrawPool, draws: Utilities, rows: Int[np.ndarray, " r"], result: int, kpi: int
+) -> tuple[float, float]:
+    """Return how surely a worse value would be noticed, all other KPIs the same, and the value.
 
-    The value is the first that is sure enough; 0 if there is none, or if no shown run has it or a worse
-    one: the person has never judged such a value.
+    The value is the first that is sure enough; the certainty is 0 if there is none, or if no shown run has
+    it or a worse one: the person has never judged such a value.
     """
     column = pool.bank.kpis[:, pool.bank.names.index(pool.scale.names[kpi])]
     usual = column[rows]
     worse = np.unique(usual[np.isfinite(usual) & (usual > column[result])])
     if len(worse) < 2 or not np.isfinite(column[result]):
-        return 0.0
+        return 0.0, np.inf
     values = np.unique(np.quantile(worse, _MARKS))
     logs = np.repeat(pool.logs[[result]], len(values) + 1, axis=0)
     logs[1:, kpi] = np.log(np.maximum(values - pool.scale.good[kpi], pool.scale.floor[kpi]))
@@ -454,7 +460,7 @@ def _certainty(pool: DrawPool, draws: Utilities, rows: Int[np.ndarray, " r"], re
     place, shown = int(np.argmax(certain >= _CERTAIN)), column[pool.shown]
     seen = np.any(np.isfinite(shown) & (shown >= values[place]))
     # argmax of nothing is 0: then the smallest worse value is not sure, and the caller leaves it out.
-    return float(certain[place]) if seen else 0.0
+    return float(certain[place]) if seen else 0.0, float(values[place])
 
 
 def noticed_worse(draws: Utilities, logs: Float[np.ndarray, "m k"]) -> Float[np.ndarray, " q"]:

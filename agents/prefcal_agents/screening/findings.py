@@ -10,6 +10,7 @@ from jaxtyping import Float
 from prefcal_agents.agent import one_thread
 from prefcal_agents.people import Bank, notice_chance
 from prefcal_agents.result import (
+    DrawPool,
     Influence,
     SmallerChange,
     cautious,
@@ -168,6 +169,7 @@ class Findings:
         menu: Up to two θ that the person might prefer to the result, as different as they can be. Those that
             never reach what the result reaches are left out, and in a robust study those that do not hold.
         wishes: KPIs that the person surely wanted better, each with how sure that is.
+        bounds: KPIs of which that is sure only beyond a stated limit, which the result keeps, likewise.
         robustness: How the result holds, and what that costs; None if the study is not robust.
         smaller: The result with knobs as in the given start, so that people hardly notice; None without
             a start, if no knob can be put back, and where experiments measured other KPIs than those
@@ -188,6 +190,7 @@ class Findings:
     best: int | None = None
     menu: tuple[Alternative, ...] = ()
     wishes: tuple[tuple[str, float], ...] = ()
+    bounds: tuple[tuple[str, float], ...] = ()
     robustness: RobustResult | None = None
     smaller: SmallerChange | None = None
     parts: int = 1
@@ -310,9 +313,21 @@ def _explain_result(agent: Screening, known: Findings) -> Findings:
         best=agent.best_index,
         influences=influences(pool, past) if by_answers else (),
         menu=_menu(agent, stage, past, best),
-        wishes=tuple(wishes(pool, past, stage.spread, best).items()),
+        **_wishes(agent, stage, pool, past, best),
         robustness=None if agent.simulations.holds is None else _robustness(agent, stage, past, best),
     )
+
+
+def _wishes(agent: Screening, stage: Stage, pool: DrawPool, past: History, best: int) -> dict[str, Any]:
+    """Return what the person wanted better, and of which KPIs only that a stated limit is kept."""
+    limits = agent.simulations.reading.limits
+    result = dict(zip(stage.bank.names, stage.bank.kpis[best].tolist(), strict=True))
+    found: dict[str, list[tuple[str, float]]] = {"wishes": [], "bounds": []}
+    for name, (certainty, value) in wishes(pool, past, stage.spread, best).items():
+        # A value beyond the limit is noticed since it misses that, which says nothing of smaller values.
+        bound = result[name] <= limits.get(name, np.inf) < value
+        found["bounds" if bound else "wishes"].append((name, certainty))
+    return {each: tuple(named) for each, named in found.items()}
 
 
 def _stakes(agent: Screening, past: History) -> float | None:

@@ -77,7 +77,20 @@ def record_of(interview: Interview, options: Options, references: Mapping[str, E
 
 def _robust(interview: Interview) -> tuple[str, ...]:
     known, best = interview.known, interview.now().incumbent
-    return robust_study(known.findings, interview.scenario, known.nominal(best))
+    counts = _count_held(interview)
+    return robust_study(known.findings, interview.scenario, known.nominal(best), best=best, counts=counts)
+
+
+def _count_held(interview: Interview) -> dict[int, int]:
+    """Return how many perturbed runs the two experiments keep that were compared last, by index, if known."""
+    latest, history = interview.known.screened(current=False), interview.now().state.history
+    if latest is None or latest.pending is None or not history.comparisons:
+        return {}
+    last, reason = history.comparisons[-1], latest.findings.reason
+    if reason is None or history.samples[last.challenger].theta != latest.pending.theta:
+        return {}
+    pairs = ((last.challenger, reason.kept), (last.incumbent, reason.against))
+    return {index: count for index, count in pairs if index is not None and count is not None}
 
 
 def _fingerprints(options: Options, state: State) -> tuple[str, str]:
@@ -178,7 +191,8 @@ def show(record: StudyRecord, report: Path, console: Console) -> None:
 
 def show_outlook(record: StudyRecord, console: Console, said: Sequence[str] = ()) -> None:
     """Print whether to continue, and what is said of the result; not again what was `said`."""
-    for line in () if record.outlook is None else record.outlook.lines:
+    lines = () if record.outlook is None else record.outlook.lines
+    for line in (*(each for each in record.robust if each not in lines), *lines):
         if line not in said:
             console.print(line, soft_wrap=True, markup=False, highlight=False)
 

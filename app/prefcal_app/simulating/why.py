@@ -23,7 +23,7 @@ from prefcal_env.sources.varied import BEYOND
 from prefcal_scenarios.scenario import KPI, Scenario
 from prefcal_scenarios.verification.result import breakable
 from prefcal_scenarios.verification.varied_runs import robustly
-from prefcal_scenarios.wording import join_words, quantity, typed_theta, with_unit
+from prefcal_scenarios.wording import join_words, limits_text, quantity, typed_theta, with_unit
 
 # --- Say in one sentence why an experiment is shown, what the answer can change, and what was wanted.
 
@@ -374,34 +374,55 @@ def _dearer(ours: float, theirs: float) -> float:
     return 1.0 if isinf(ours) else (ours - theirs) / max(abs(ours), abs(theirs))
 
 
-def wanted(wishes: Mapping[str, float], scenario: Scenario, index: LearnedCost | None) -> str:
+def wanted(found: Findings, scenario: Scenario, index: LearnedCost | None) -> str:
     """Return what the answers fit, with its certainty, as one sentence; empty if nothing is sure.
 
     A certainty is that of people who go by KPIs, so it is only said if answers are predicted from them:
     `index` is the sum of KPIs whose predictions stand beside it, None if there is none.
     """
-    if wishes and index is None:
+    named, kpis = _namer(scenario), {kpi.name: kpi for kpi in scenario.kpis}
+    words = [f"{named(name, True)} ({percent(certainty)})" for name, certainty in found.wishes]
+    words += [
+        f"{kpis[name].title} {limits_text(kpis[name])} ({percent(certainty)})"
+        for name, certainty in found.bounds
+        if name in kpis
+    ]
+    if words and index is None:
         return "The answers are too few to say which KPIs decided them."
-    if wishes and index is not None and not index.explains:
+    if words and index is not None and not index.explains:
         return (
             "Which KPIs decided the answers is not said: of the "
             f"{index.answers} that prefer a side, {index.predicted} could be predicted from the KPIs and the "
             "other answers, and guessing may do as well."
         )
-    named = _namer(scenario)
-    words = join_words([f"{named(name, True)} ({percent(certainty)})" for name, certainty in wishes.items()])
-    return f"The answers fit these wishes: {words}." if words else ""
+    return f"The answers fit these wishes: {join_words(words)}." if words else ""
 
 
 def robust_study(
-    found: Findings | None, scenario: Scenario, nominal: Experiment | None = None
+    found: Findings | None,
+    scenario: Scenario,
+    nominal: Experiment | None = None,
+    *,
+    best: int | None = None,
+    counts: Mapping[int, int] | None = None,
 ) -> tuple[str, ...]:
-    """Return how the best of a robust study holds, a sentence each, also if that was left before its end."""
+    """Return how the best of a robust study holds, a sentence each, also if that was left before its end.
+
+    `counts` says how many perturbed runs the two experiments keep that were compared last, by index: all
+    that is known if nothing was worked out after that answer, which may have made another one the best.
+    """
     if found is not None and found.over and found.robustness is not None:
         return tuple(robust(found.robustness, scenario, nominal))
-    if found is None or found.kept is None:
+    known = {} if counts is None else counts
+    kept = known.get(-1 if best is None else best) if found is None else found.kept
+    if kept is None:
         return (f"Whether the result holds in {ENOUGH} {_runs(scenario)} was not worked out.",)
-    return _held(found.kept, "The result", scenario, nominal), _perturbed(scenario)
+    more = [
+        f"Experiment {index + 1} does so in {count}: the study was left before it chose between them by that."
+        for index, count in known.items()
+        if found is None and count > kept
+    ]
+    return _held(kept, "The result", scenario, nominal), *more, _perturbed(scenario)
 
 
 def told(
@@ -421,7 +442,7 @@ def told(
     said = () if found.robustness is None else tuple(robust(found.robustness, scenario, nominal))
     if found.explained:
         said += (
-            wanted(dict(found.wishes), scenario, index),
+            wanted(found, scenario, index),
             carried_by(found.decisive),
             rival(found, scenario, run),
             kept(found.smaller, scenario),

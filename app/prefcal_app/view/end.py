@@ -357,7 +357,7 @@ def reasons(interview: Interview) -> list[str]:
     if found is not None and found.concluded and found.explained:
         scenario, run = interview.scenario, interview.past.experiment
         said += [
-            wanted(dict(found.wishes), scenario, interview.known.index),
+            wanted(found, scenario, interview.known.index),
             carried_by(found.decisive),
             rival(found, scenario, run),
         ]

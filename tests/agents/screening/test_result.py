@@ -3,6 +3,7 @@
 import math
 import threading
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 
 from contracts.proposals import MIXED
 from prefcal_agents import Screening
-from prefcal_agents.result import decisive, turn
+from prefcal_agents.result import decisive, turn, wishes
 from prefcal_agents.screening import findings as said_of
 from prefcal_agents.screening.agent import Certificate
 from prefcal_agents.screening.bank import ENOUGH, Growth, Simulations
@@ -141,6 +142,20 @@ def test_the_menu_holds_others_with_what_they_gain(ended):
 
 def test_what_decided_is_what_was_wanted(ended):
     assert dict(everything(ended).wishes)["first"] > 0.85
+
+
+def test_what_is_noticed_only_beyond_a_kept_limit_is_a_bound_and_no_wish(ended):
+    past = ended.history.past
+    stage, pool = ended.stage(ended.history), ended.growth.pool(past)
+    best = stage.bank.find(ended.best)
+    own = quick(ended.best)["first"]
+    ((certainty, value),) = wishes(pool, past, stage.spread, best).values()
+    assert own < value
+    for limit, bound in ((0.5 * own, False), (own, True), (0.5 * (own + value), True), (value, False)):
+        reading = SimpleNamespace(reading=Reading(limits={"first": limit}))
+        told = said_of._wishes(SimpleNamespace(simulations=reading), stage, pool, past, best)
+        named = (("first", certainty),)
+        assert told == {"wishes": () if bound else named, "bounds": named if bound else ()}
 
 
 def test_a_result_without_a_given_start_is_compared_with_nothing(ended):

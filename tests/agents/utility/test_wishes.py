@@ -34,7 +34,9 @@ def test_the_kpi_that_decided_all_answers_is_named_and_what_is_less_sure_is_not(
     result = int(np.argsort(BANK.kpis[:, kpi])[10])
     found = wishes(pool, record, ROWS, result)
     assert set(found) == {"abc"[kpi]}
-    assert 0.8 <= found["abc"[kpi]] <= 1.0
+    certainty, value = found["abc"[kpi]]
+    assert 0.8 <= certainty <= 1.0
+    assert BANK.kpis[result, kpi] < value <= BANK.kpis[:, kpi].max()
 
 
 def test_after_one_answer_nothing_is_sure_enough_to_be_said():

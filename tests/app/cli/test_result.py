@@ -1,10 +1,12 @@
 """Tables of a result in a terminal: nothing is cut, however narrow it is."""
 
 from io import StringIO
+from types import SimpleNamespace
 
 from rich.console import Console
 
-from prefcal_app.cli.result import _draw
+from prefcal_agents.screening.findings import Reason
+from prefcal_app.cli.result import _count_held, _draw
 from prefcal_app.view.question import cell, row, table
 
 
@@ -29,3 +31,21 @@ def test_a_table_in_a_terminal_cuts_no_word_and_goes_on_where_there_is_no_room()
         assert said.count("temperature") == said.count("[min]") == tables
         assert (said.count("8.4 ✓"), said.count("8.4 ✗")) == (2, 2)
         assert max(map(len, lines)) <= width
+
+
+def test_after_the_last_answer_what_its_question_counted_of_both_runs_is_known():
+    def counts(comparisons, kept=87, against=219, theta=(3.0,)):
+        reason = None if kept is None else Reason(0.9, (), (), kept, against)
+        screened = SimpleNamespace(
+            pending=SimpleNamespace(theta=theta), findings=SimpleNamespace(reason=reason)
+        )
+        samples = [SimpleNamespace(theta=(float(k),)) for k in range(4)]
+        state = SimpleNamespace(history=SimpleNamespace(comparisons=comparisons, samples=samples))
+        known = SimpleNamespace(screened=lambda *, current: screened)
+        return _count_held(SimpleNamespace(known=known, now=lambda: SimpleNamespace(state=state)))
+
+    last = SimpleNamespace(challenger=3, incumbent=2)
+    assert counts([last]) == {3: 87, 2: 219}
+    assert counts([last], theta=(2.5,)) == {}, "the counts are those of another question"
+    assert counts([SimpleNamespace(challenger=3, incumbent=None)], against=None) == {3: 87}
+    assert counts([]) == counts([last], kept=None) == {}

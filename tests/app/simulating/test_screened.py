@@ -316,6 +316,14 @@ def test_a_robust_study_that_was_left_says_how_its_best_so_far_holds():
     said = robust_study(replace(left, kept=300), scenario)
     assert said[0].startswith("The result keeps all limits that it meets nominally in all")
     assert len(said) == 2  # and what they vary
+    counts = {3: 87, 2: 219}
+    assert robust_study(None, scenario, best=1, counts=counts) == unknown
+    fewer, other, varied = robust_study(None, scenario, best=3, counts=counts)
+    assert fewer.endswith(f": it keeps all limits that it meets nominally in 87 of 300 runs {LIMITED}.")
+    assert other == ("Experiment 3 does so in 219: the study was left before it chose between them by that.")
+    assert (varied, len(said)) == (said[1], 2)
+    assert len(robust_study(None, scenario, best=2, counts=counts)) == 2
+    assert robust_study(replace(left, kept=300), scenario, best=3, counts=counts) == said, "known by now"
     over = replace(left, over=True, robustness=RobustResult(300))
     assert robust_study(over, scenario) == tuple(robust(RobustResult(300), scenario))
 

@@ -166,13 +166,24 @@ def test_what_was_wanted_is_said_with_its_certainty_and_without_a_limit(wishes, 
     margin = KPI("margin", "stability margin", "dB", better="higher")
     scenario = SimpleNamespace(kpis=(*toy.kpis, margin))
     index = LearnedCost({}, predicted=9, answers=9)
-    assert wanted(wishes, scenario, index) == f"The answers fit these wishes: {words}."
-    assert wanted({}, scenario, index) == wanted({}, scenario, None) == ""
+    found = Findings(over=True, simulated=9, wishes=tuple(wishes.items()))
+    assert wanted(found, scenario, index) == f"The answers fit these wishes: {words}."
+    nothing = Findings(over=True, simulated=9)
+    assert wanted(nothing, scenario, index) == wanted(nothing, scenario, None) == ""
     # "Above 99 %" from four answers stood beside "3 of 4, which is not clearly better than chance".
     poor = replace(index, predicted=3, answers=4)
     assert trust_text(poor).startswith("A weighted sum of the KPIs predicted 3 of 4 answers that it had not")
-    assert wanted(wishes, scenario, poor) == (
+    assert wanted(found, scenario, poor) == (
         "Which KPIs decided the answers is not said: of the 4 that prefer a side, 3 could be predicted from "
         "the KPIs and the other answers, and guessing may do as well."
     )
-    assert wanted(wishes, scenario, None) == "The answers are too few to say which KPIs decided them."
+    assert wanted(found, scenario, None) == "The answers are too few to say which KPIs decided them."
+
+
+def test_what_was_noticed_only_beyond_a_stated_limit_is_said_as_the_limit():
+    margin = KPI("margin", "stability margin", "dB", better="higher", at_least=6.0)
+    scenario = SimpleNamespace(kpis=(*toy.kpis, margin))
+    index = LearnedCost({}, predicted=9, answers=9)
+    found = Findings(over=True, simulated=9, wishes=(("t_f", 0.9),), bounds=(("margin", 0.98),))
+    said = "The answers fit these wishes: lower settling time t_f (90 %) and stability margin ≥ 6 dB (98 %)."
+    assert wanted(found, scenario, index) == said
