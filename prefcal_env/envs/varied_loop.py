@@ -26,6 +26,7 @@ from prefcal_env.sources.varied import (
     Unheld,
     Values,
 )
+from prefcal_env.units import conversion
 
 from .plant_env import dead_times, tracked_of
 from .task import Signal, StepSignal, Task
@@ -157,7 +158,9 @@ def _parameters(own: Plant, measuring: float | Sequence[float]) -> Iterator[Fact
     elif own.states and not getattr(own, "sample_time", 0.0):
         yield _parameter(SPEED)
     if matrices is not None or not numbers:
-        yield from (_parameter(_gain(c)) for c in own.inputs)
+        centers = _centers(own) if matrices is None else np.zeros(len(own.inputs))
+        for c, center in zip(own.inputs, centers.tolist(), strict=True):
+            yield _parameter(_gain(c), unit=f"{MODELED}, about {_in(center, c)}" if center else MODELED)
     if late := latest(own, measuring):
         found = Factor.around(DELAY, "dead time", SIZE, late, own.time_unit, NOT_NEGATIVE)
         step = getattr(own, "sample_time", 0.0)  # between its samples, a discrete plant sees nothing
@@ -195,7 +198,7 @@ def _change(plant: Plant, values: Values, later: float) -> Plant:
         return made
     if (gains == 1).all() and speed == later == 1:
         return named
-    return ScaledPlant(named, speed, gains, later)
+    return ScaledPlant(named, speed, gains, (1 - gains) * _centers(plant), later)
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,6 +208,7 @@ class ScaledPlant:
     plant: Plant
     speed: float  # factor of all rates
     gains: Float[np.ndarray, " n_u"]  # factor of each input, shape (n_u,)
+    offset: Float[np.ndarray, " n_u"]  # what is added to each input then, shape (n_u,)
     later: float  # factor of all dead times
 
     def __getattr__(self, name: str) -> Any:
@@ -215,25 +219,35 @@ class ScaledPlant:
 
     def f(self, x: X, u: U, d: D) -> X:
         """Return the state derivative."""
-        return self.speed * self.plant.f(x, self.gains * u, d)
+        return self.speed * self.plant.f(x, self.gains * u + self.offset, d)
 
     def g(self, x: X, u: U, d: D) -> Y:
         """Return the outputs."""
-        return self.plant.g(x, self.gains * u, d)
+        return self.plant.g(x, self.gains * u + self.offset, d)
 
     def entries(self, x: X, u: U, d: D) -> Float[np.ndarray, "n_y n"]:
         """Return what each input adds to the outputs, if the plant can tell."""
-        found: np.ndarray = self.plant.entries(x, self.gains * u, d)  # type: ignore[attr-defined]
+        found: np.ndarray = self.plant.entries(x, self.gains * u + self.offset, d)  # type: ignore[attr-defined]
         return found
 
     def jacobians(self, x: X, u: U, d: D) -> Jacobians:
         """Return the derivatives."""
-        J = self.plant.jacobians(x, self.gains * u, d)
+        J = self.plant.jacobians(x, self.gains * u + self.offset, d)
         return Jacobians(self.speed * J.A, self.speed * J.B * self.gains, J.C, J.D * self.gains)
 
     def hold(self, x: X, u: U, d: D, times: Times) -> States:
         """Return the states at `times`."""
-        return self.plant.hold(x, self.gains * u, d, np.asarray(times) * self.speed)
+        return self.plant.hold(x, self.gains * u + self.offset, d, np.asarray(times) * self.speed)
+
+
+def _centers(plant: Plant) -> Float[np.ndarray, " n_u"]:
+    """Return the value of each input at which its gain changes nothing, shape (n_u,).
+
+    That is 0, but for temperatures the middle of their range: a tenth of 300 K is no error of a cooler.
+    """
+    warm = [conversion(c.unit, "K", difference=True) is not None for c in plant.inputs]
+    ends = [(c.low + c.high) / 2 if is_warm else 0.0 for c, is_warm in zip(plant.inputs, warm, strict=True)]
+    return np.where(np.isfinite(ends), ends, 0.0)
 
 
 def _matrices(plant: Plant) -> tuple[np.ndarray, np.ndarray] | None:
@@ -321,6 +335,7 @@ JITTER, _JITTER, _MOST = "sampling jitter", 0.1, 0.49
 MOVE, SHIFT, REFERENCE, DIRECTION = "rate of the actuators", "start", "size of the step", "direction"
 TURN, STEP = "direction of the load", "start, size and direction of the step"
 BIGGER, _SAMPLES = "a larger load", 501  # instants at which a function of time is looked at
+_MOVING = 0.1  # share of these instants from which on a function that changes there moves all the time
 _LOADS = (BIGGER, 1 + SIZE), (TURN, -1.0)
 LARGER, AHEAD, BACK = "a larger step", "start and target moved ahead", "start and target moved back"
 STEPPED = (REFERENCE, SHIFT, DIRECTION)
@@ -664,7 +679,7 @@ class VariedLoop:
         """
         if place == PLACES[0]:
             return np.asarray(task.u0)
-        if not all(isinstance(s, StepSignal) or not callable(s) for s in (task.y_ref, task.d)):
+        if not all(_mostly_rests(signal, task) for signal in (task.y_ref, task.d)):
             return None  # what moves all the time has no place to rest at
         if len(tracked_of(task)) < len(plant.inputs):
             return None  # of many inputs that hold it there, only one is found
@@ -706,6 +721,14 @@ def _times(signal: Signal | None, task: Task) -> list[float]:
     if isinstance(signal, StepSignal):
         return [0.0, *(t for t, _ in signal.steps)]
     return [*map(float, np.linspace(0.0, task.horizon, _SAMPLES if callable(signal) else 1))]
+
+
+def _mostly_rests(signal: Signal | None, task: Task) -> bool:
+    """Return whether a signal, also a function of time, changes in a few moments only and rests between."""
+    if isinstance(signal, StepSignal) or not callable(signal):
+        return True
+    values = np.array([signal(t) for t in _times(signal, task)]).reshape(_SAMPLES, -1)
+    return bool(np.any(np.diff(values, axis=0) != 0, axis=1).mean() < _MOVING)
 
 
 def _scaled(

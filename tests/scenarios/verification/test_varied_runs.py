@@ -9,8 +9,20 @@ import numpy as np
 import pytest
 from scipy.special import betaincinv
 
-from prefcal_env import Channel, Experiment, Knob, KnobSpace, Plant, recorded
+from prefcal_env import (
+    Channel,
+    ClosedLoop,
+    Experiment,
+    FunctionPlant,
+    Knob,
+    KnobSpace,
+    Plant,
+    PlantEnv,
+    Task,
+    recorded,
+)
 from prefcal_env.controllers.margins import UNSTABLE, Margins
+from prefcal_env.envs.task import StepSignal
 from prefcal_env.envs.varied_loop import DIRECTION, LOAD, NOISE, REFERENCE, SHIFT
 from prefcal_env.envs.varied_loop import LAG as LAG_OF
 from prefcal_env.errors import KnobError, ScenarioError, SettingsError
@@ -22,6 +34,7 @@ from prefcal_scenarios.described.pid_scenario import pid_scenario
 from prefcal_scenarios.verification import replay, verify
 from prefcal_scenarios.verification.result import Others, most_probable
 from prefcal_scenarios.verification.said import Verified
+from support.tank import pi_of
 
 SPACE = KnobSpace([Knob("gain", 0.0, 10.0)])
 THETA = np.array([2.0])
@@ -1034,6 +1047,29 @@ def test_plants_that_no_input_can_hold_are_counted_apart_and_named():
     assert good.headline.startswith("Holds on the plants that an input can hold: ")
     none = replace(found, tuning=replace(found.tuning, runs=()))
     assert none.statement.startswith("Not verified: no run counts. Not counted: ")
+
+
+@pytest.mark.parametrize(
+    ("d", "places"),
+    [
+        (StepSignal((0.0,), ((10.0, (-0.3,)),)), [None, "target under the load", "target"]),
+        (lambda t: np.array([-0.3 * (t >= 10)]), [None, "target under the load", "target"]),
+        (lambda t: np.array([-0.3 * np.sin(t)]), [None, None, None]),  # it rests nowhere
+    ],
+)
+def test_where_no_input_can_hold_a_plant_is_known_of_loads_that_are_functions_of_time_too(d, places):
+    plant = FunctionPlant(
+        lambda x, u, d: [u[0] + d[0] - x[0]],
+        states=[Channel("level", "m")],
+        inputs=[Channel("valve", "m", low=0.0, high=2.0)],
+        disturbances=[Channel("rain", "m")],
+    )
+    task = Task(x0=np.array([0.2]), u0=np.array([0.2]), y_ref=np.array([1.6]), d=d, horizon=20.0)
+    known = ClosedLoop(PlantEnv(plant, task), pi_of, lambda e: {}).varied()
+    found = [known.unheld({"gain of valve": gain}) for gain in (1.0, 0.9, 0.75)]
+    assert [each and each.place for each in found] == places
+    needs = [pytest.approx(1.9 / 0.9), pytest.approx(1.6 / 0.75)]
+    assert [each.needs for each in found if each] == needs[: len(found) - found.count(None)]
 
 
 def test_each_limit_that_is_missed_is_said_with_its_worst_value_and_in_how_many_runs():

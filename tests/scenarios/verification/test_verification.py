@@ -445,7 +445,7 @@ def test_equations_without_named_parameters_vary_in_speed_and_gain():
     plant = FunctionPlant(
         lambda x, u, d: [-x[0] + 2.0 * u[0]], states=[Channel("x", "m")], inputs=[Channel("u", "V", -9, 9)]
     )
-    scaled = ScaledPlant(plant, 2.0, np.array([3.0]), 1.0)
+    scaled = ScaledPlant(plant, 2.0, np.array([3.0]), np.zeros(1), 1.0)
     x, u, d, t = np.array([1.0]), np.array([0.5]), np.zeros(0), np.array([0.3, 1.0])
     exact = 3.0 + (1.0 - 3.0) * np.exp(-2.0 * t)
     assert scaled.hold(x, u, d, t)[:, 0] == pytest.approx(exact, rel=1e-6)
@@ -454,6 +454,26 @@ def test_equations_without_named_parameters_vary_in_speed_and_gain():
     assert (J.A.item(), J.B.item()) == (pytest.approx(-2.0), pytest.approx(12.0))
     names = [f.name for f in found(pid_scenario(plant)).factors]
     assert names[:2] == ["all time constants", "gain of u"]
+
+
+@pytest.mark.parametrize(
+    ("unit", "low", "high", "rests"),
+    [("K", 270.0, 330.0, 300.0), ("°C", 10.0, 50.0, 30.0), ("kW", 10.0, 50.0, 0.0), ("K", 0.0, np.inf, 0.0)],
+)
+def test_the_gain_of_a_temperature_varies_about_the_middle_of_its_range(unit, low, high, rests):
+    """A tenth of 300 K is no error of a cooler, a tenth of 300 kW is one of a heater."""
+    plant = FunctionPlant(
+        lambda x, u, d: [u[0] - x[0]], states=[Channel("T", "K")], inputs=[Channel("u", unit, low, high)]
+    )
+    (gain,) = (f for f in factors_of(plant) if f.name == "gain of u")
+    assert gain.unit == "times the modeled" + (f", about {rests:g} {unit}" if rests else "")
+    made, u = varied_plant(plant, {"gain of u": 0.9}), np.array([40.0])
+    acts = rests + 0.9 * (40.0 - rests)
+    no, at = np.zeros(0), np.array([7.0])
+    assert made.f(at, u, no) == pytest.approx([acts - 7.0])
+    assert made.hold(at, u, no, np.array([0.5]))[0] == pytest.approx([acts + (7.0 - acts) * np.exp(-0.5)])
+    if rests:
+        assert made.f(at, np.array([rests]), no) == pytest.approx([rests - 7.0]), "there, it changes nothing"
 
 
 def test_time_constants_of_matrices_vary_one_by_one_only_if_their_states_have_names():
