@@ -320,12 +320,14 @@ def _explain_result(agent: Screening, known: Findings) -> Findings:
 
 def _wishes(agent: Screening, stage: Stage, pool: DrawPool, past: History, best: int) -> dict[str, Any]:
     """Return what the person wanted better, and of which KPIs only that a stated limit is kept."""
-    limits = agent.simulations.reading.limits
+    reading = agent.simulations.reading
     result = dict(zip(stage.bank.names, stage.bank.kpis[best].tolist(), strict=True))
     found: dict[str, list[tuple[str, float]]] = {"wishes": [], "bounds": []}
     for name, (certainty, value) in wishes(pool, past, stage.spread, best).items():
-        # A value beyond the limit is noticed since it misses that, which says nothing of smaller values.
-        bound = result[name] <= limits.get(name, np.inf) < value
+        # A value beyond the limit, or the aim that leaves room to it, is noticed since it misses that: it
+        # says nothing of smaller values.
+        ends = (each.get(name, np.inf) for each in (reading.limits, reading.aims))
+        bound = any(result[name] <= end < value for end in ends)
         found["bounds" if bound else "wishes"].append((name, certainty))
     return {each: tuple(named) for each, named in found.items()}
 

@@ -152,10 +152,12 @@ def test_what_is_noticed_only_beyond_a_kept_limit_is_a_bound_and_no_wish(ended):
     ((certainty, value),) = wishes(pool, past, stage.spread, best).values()
     assert own < value
     for limit, bound in ((0.5 * own, False), (own, True), (0.5 * (own + value), True), (value, False)):
-        reading = SimpleNamespace(reading=Reading(limits={"first": limit}))
-        told = said_of._wishes(SimpleNamespace(simulations=reading), stage, pool, past, best)
         named = (("first", certainty),)
-        assert told == {"wishes": () if bound else named, "bounds": named if bound else ()}
+        # What is aimed at leaves room to a limit, and is what a draw of the person goes by.
+        for limits, aims in (({"first": limit}, {}), ({"first": 2 * value}, {"first": limit})):
+            simulations = SimpleNamespace(reading=Reading(limits=limits, aims=aims))
+            told = said_of._wishes(SimpleNamespace(simulations=simulations), stage, pool, past, best)
+            assert told == {"wishes": () if bound else named, "bounds": named if bound else ()}
 
 
 def test_a_result_without_a_given_start_is_compared_with_nothing(ended):
