@@ -1,7 +1,7 @@
 """PID controllers: the sampled law, the controller that runs, and tuning rules."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -22,11 +22,12 @@ Rows = Shaped[np.ndarray, "p _"]
 
 @dataclass(frozen=True, slots=True)
 class Tuning:
-    """Parameters of a PID: gain with its sign, and integral and derivative time."""
+    """Parameters of a PID: gain with its sign, integral and derivative time, and set-point weight."""
 
     K_p: float
     T_i: float
     T_d: float = 0.0
+    b: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,14 +96,11 @@ class LinearPIDs:
         M[:, n + k, n + k], M[:, n + p + k, n + p + k] = 1.0, law.pole
         return M
 
-    def drive(self, plant: LinearSystem) -> Float[np.ndarray, "n 2"]:
-        """Return what a unit step of reference (b = 1) and of load add to x of the first loop.
-
-        For one PID.
-        """
+    def drive(self, plant: LinearSystem, b: float = 1.0) -> Float[np.ndarray, "n 2"]:
+        """Return what a unit step of the reference and of the load add to x, for one PID."""
         law, n = self._law(plant.dt), len(plant.A)
         drive = np.zeros((n + 2, 2))
-        drive[:n] = np.column_stack([plant.B[:, 0] * law.K_p[0, 0], plant.B[:, 0]])
+        drive[:n] = np.column_stack([plant.B[:, 0] * b * law.K_p[0, 0], plant.B[:, 0]])
         drive[n, 0] = law.integral[0, 0]
         return drive
 
@@ -472,10 +470,14 @@ def migo(
     """Return the MIGO tuning and its crossover frequency; None if no PID stabilizes the plant.
 
     It maximizes the integral gain K_p / T_i at a sensitivity of at most 1.6 (more only if
-    necessary), over both signs and a grid of crossover frequencies and times.
+    necessary), over both signs and a grid of crossover frequencies and times. T_d is about a quarter
+    of T_i at most: with a longer one the strongest integral action oscillates for long, at a
+    sensitivity that looks robust. Last, the set-point weight takes off what overshoots.
 
-    Source: Åström, Hägglund (2006), Advanced PID Control (MIGO).
-    Deviation: on a grid, for the sampled loop, so any linear plant will do.
+    Source: Åström, Hägglund (2006), Advanced PID Control (MIGO, set-point weight); Wallén, Åström,
+    Hägglund (2002), Loop-shaping design of PID controllers with constant T_i/T_d ratio, Asian J. Control 4.
+    Deviation: on a grid, for the sampled loop, so any linear plant will do. Only the sensitivity is
+    limited, not the complementary one, whose peak the set-point weight makes up for.
 
     Args:
         plant: LinearSystem plant of one input and one output.
@@ -487,7 +489,7 @@ def migo(
     T_s = plant.dt
     # T_i and T_d times the crossover frequency; plants that are all dead time need the short T_i.
     integral, derivative = (0.18, 0.35, 0.7, 1.4, 2.8, 5.6, 11.0, 22.0), (0.05, 0.15, 0.4, 1.0, 2.0)
-    shapes = [(i, d) for i in integral for d in derivative]
+    shapes = [(i, d) for i in integral for d in derivative if i >= 3.5 * d]  # of the grid, the nearest to 4
     w = np.repeat(crossover, len(shapes))
     T_i, T_d = np.tile(np.array(shapes), (len(crossover), 1)).T / w
     unit = PIDLaw.of(np.ones(len(w)), T_i, T_d, N=N, T_s=T_s)
@@ -504,5 +506,15 @@ def migo(
             # Among unbounded ones the most robust, else the strongest integral action.
             score = drive if np.isfinite(bound) else 1 / peak
             best = int(np.argmax(np.where(fine, score, -np.inf)))
-            return Tuning(float(K[best]), float(T_i[best]), float(T_d[best])), float(w[best])
+            found = Tuning(float(K[best]), float(T_i[best]), float(T_d[best]))
+            return replace(found, b=_weight(found, plant, omega, N)), float(w[best])
     return None
+
+
+def _weight(tuning: Tuning, plant: LinearSystem, omega: Float[np.ndarray, " m"], N: float) -> float:
+    """Return the largest set-point weight, in tenths, with which no frequency is amplified; else 0."""
+    z, b = np.exp(1j * omega * plant.dt), np.linspace(1, 0, 11)
+    law = PIDLaw.of(tuning.K_p, tuning.T_i, tuning.T_d, N=N, T_s=plant.dt)
+    S = LinearPIDs.of([tuning], N).sensitivities(plant, omega)[0]
+    followed = np.abs((b[:, None] * law.K_p + law.integral / (z - 1)) * plant.at(1j * omega)[:, 0, 0]) * S
+    return float(next((b for b, peak in zip(b, followed.max(axis=1), strict=True) if peak <= 1.001), 0.0))
