@@ -108,9 +108,15 @@ class LinearPIDs:
         """Return whether all poles of each closed loop are within the unit circle, shape (m,)."""
         return np.asarray(np.abs(np.linalg.eigvals(self.loops(plant))).max(axis=1) < 1 - 1e-9)
 
-    def sensitivity(self, plant: LinearSystem, omega: Float[np.ndarray, " k"]) -> np.ndarray:
-        """Return the largest one of `sensitivities`, infinite for unstable loops, shape (m,)."""
-        return np.where(self.stable(plant), self.sensitivities(plant, omega).max(axis=1), np.inf)
+    def peak(self, plant: LinearSystem, omega: Float[np.ndarray, " k"]) -> np.ndarray:
+        """Return the largest |S| or |T|, S = 1 - T = 1 / (1 + C G), infinite for unstable loops, shape (m,).
+
+        For sets of one PID.
+        """
+        back = self._return_difference(plant, omega)[..., 0, 0]
+        with np.errstate(divide="ignore"):
+            peaks = (np.maximum(np.abs(back - 1), 1) / np.abs(back)).max(axis=1)
+        return np.where(self.stable(plant), peaks, np.inf)
 
     def sensitivities(self, plant: LinearSystem, omega: Float[np.ndarray, " k"]) -> np.ndarray:
         """Return σ((1 + C G)^-1), the largest one at each of `omega`, shape (m, k).
@@ -119,15 +125,16 @@ class LinearPIDs:
 
         Source: Skogestad, Postlethwaite, Multivariable Feedback Control.
         """
-        z = np.exp(1j * omega * plant.dt)[:, None]
-        C = self._law(plant.dt, each=True).at(z)  # (m, k, p)
-        difference = np.eye(self.K_p.shape[1]) + plant.at(1j * omega) * C[..., None]
-        if difference.shape[-1] == 1:
-            least = np.abs(difference[..., 0, 0])
-        else:
-            least = np.linalg.svd(difference, compute_uv=False)[..., -1]
+        back = self._return_difference(plant, omega)
+        one = back.shape[-1] == 1
+        least = np.abs(back[..., 0, 0]) if one else np.linalg.svd(back, compute_uv=False)[..., -1]
         with np.errstate(divide="ignore"):
             return np.asarray(1 / least)
+
+    def _return_difference(self, plant: LinearSystem, omega: Float[np.ndarray, " k"]) -> np.ndarray:
+        """Return 1 + C G at each of `omega`, shape (m, k, p, p)."""
+        C = self._law(plant.dt, each=True).at(np.exp(1j * omega * plant.dt)[:, None])  # (m, k, p)
+        return np.asarray(np.eye(self.K_p.shape[1]) + plant.at(1j * omega) * C[..., None])
 
     def _law(self, T_s: float, *, each: bool = False) -> PIDLaw:
         """Return the law of each PID, shape (m, p); with `each` for every frequency, (m, 1, p)."""
@@ -469,15 +476,14 @@ def migo(
 ) -> tuple[Tuning, float] | None:
     """Return the MIGO tuning and its crossover frequency; None if no PID stabilizes the plant.
 
-    It maximizes the integral gain K_p / T_i at a sensitivity of at most 1.6 (more only if
-    necessary), over both signs and a grid of crossover frequencies and times. T_d is about a quarter
-    of T_i at most: with a longer one the strongest integral action oscillates for long, at a
-    sensitivity that looks robust. Last, the set-point weight takes off what overshoots.
+    It maximizes the integral gain K_p / T_i where sensitivity and complementary sensitivity are at
+    most 1.6 (more only if necessary), over both signs and a grid of crossover frequencies and times.
+    T_d is about a quarter of T_i at most: with a longer one the strongest integral action oscillates
+    for long, though these peaks look robust. Last, the set-point weight takes off what overshoots.
 
     Source: Åström, Hägglund (2006), Advanced PID Control (MIGO, set-point weight); Wallén, Åström,
     Hägglund (2002), Loop-shaping design of PID controllers with constant T_i/T_d ratio, Asian J. Control 4.
-    Deviation: on a grid, for the sampled loop, so any linear plant will do. Only the sensitivity is
-    limited, not the complementary one, whose peak the set-point weight makes up for.
+    Deviation: on a grid, for the sampled loop, so any linear plant will do.
 
     Args:
         plant: LinearSystem plant of one input and one output.
@@ -497,7 +503,7 @@ def migo(
     w, T_i, T_d, size = (v[size > 0] for v in (w, T_i, T_d, size))
     K = np.concatenate([1 / size, -1 / size])  # either sign
     w, T_i, T_d = (np.tile(v, 2) for v in (w, T_i, T_d))
-    peak = LinearPIDs(K[:, None], T_i[:, None], T_d[:, None], N).sensitivity(plant, omega)
+    peak = LinearPIDs(K[:, None], T_i[:, None], T_d[:, None], N).peak(plant, omega)
     # The integral gain measures how well loads are rejected: 1/k_i is the area of the error after a step.
     drive, within = np.abs(K) / T_i, np.abs(K) <= largest
     for bound, allowed in [(b, within) for b in ROBUST] + [(np.inf, np.ones_like(within))]:

@@ -153,9 +153,9 @@ def test_one_pid_of_a_pair_is_as_sensitive_as_alone_if_nothing_couples_them():
     two = system_of((-np.diag([1.0, 2.0]), np.eye(2), np.eye(2), np.zeros((2, 2))))
     omega = np.geomspace(1e-3, 30, 200)
     slow, fast = Tuning(1.0, 2.0), Tuning(3.0, 1.0, 0.1)
-    both = LinearPIDs.of([slow, fast], 10.0).sensitivity(sampled(two, 0.1), omega)[0]
+    both = LinearPIDs.of([slow, fast], 10.0).sensitivities(sampled(two, 0.1), omega).max()
     alone = [
-        LinearPIDs.of([t], 10.0).sensitivity(sampled(two.part([i], [i]), 0.1), omega)[0]
+        LinearPIDs.of([t], 10.0).sensitivities(sampled(two.part([i], [i]), 0.1), omega).max()
         for i, t in enumerate((slow, fast))
     ]
     assert both == pytest.approx(max(alone))
@@ -165,9 +165,9 @@ def test_sets_are_checked_together_as_each_alone():
     omega = np.geomspace(1e-3, 12, 100)
     gains = np.array([[0.5], [1.5], [400.0]])
     together = LinearPIDs(gains, np.full((3, 1), 4.0), np.zeros((3, 1)), 10.0)
-    peaks = together.sensitivity(lag_sampled(), omega)
+    peaks = together.peak(lag_sampled(), omega)
     for gain, peak in zip(gains[:, 0], peaks, strict=True):
-        alone = LinearPIDs.of([Tuning(gain, 4.0)], 10.0).sensitivity(lag_sampled(), omega)
+        alone = LinearPIDs.of([Tuning(gain, 4.0)], 10.0).peak(lag_sampled(), omega)
         assert peak == pytest.approx(alone[0])
     assert np.isinf(peaks[2])
     assert together.stable(lag_sampled()).tolist() == [True, True, False]
@@ -188,7 +188,7 @@ def test_the_derivative_time_stays_a_quarter_of_the_integral_time(den):
     # Of (s + 1)^-4 the largest integral gain alone has T_d = 2.8 T_i, and a step rings for 25 s.
     plant, tuning = tuned(den)
     assert tuning.T_i >= 3.5 * tuning.T_d > 0
-    assert LinearPIDs.of([tuning], 10.0).sensitivity(plant, OMEGA)[0] <= 1.6
+    assert LinearPIDs.of([tuning], 10.0).peak(plant, OMEGA)[0] <= 1.6
 
 
 def overshoot(plant, tuning):
@@ -214,3 +214,13 @@ def test_a_plant_of_dead_time_needs_no_set_point_weight():
     found = migo(plant, np.geomspace(1e-3, 15, 400), np.geomspace(0.03, 4, 26))
     assert found is not None
     assert found[0].b == 1.0
+
+
+@pytest.mark.parametrize("den", [[1, 0], [1, 1], [1, -1]])
+def test_the_complementary_sensitivity_is_limited_too(den):
+    # A PI of an integrator or a lag is robust by M_s however short T_i is, and rings: K_p T_i is its damping.
+    plant, tuning = tuned(den)
+    z = np.exp(1j * OMEGA * plant.dt)
+    law = PIDLaw.of(tuning.K_p, tuning.T_i, tuning.T_d, N=10.0, T_s=plant.dt)
+    L = plant.at(1j * OMEGA)[:, 0, 0] * law.at(z)
+    assert np.abs(L / (1 + L)).max() <= 1.6
