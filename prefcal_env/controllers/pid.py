@@ -109,10 +109,7 @@ class LinearPIDs:
         return np.asarray(np.abs(np.linalg.eigvals(self.loops(plant))).max(axis=1) < 1 - 1e-9)
 
     def peak(self, plant: LinearSystem, omega: Float[np.ndarray, " k"]) -> np.ndarray:
-        """Return the largest |S| or |T|, S = 1 - T = 1 / (1 + C G), infinite for unstable loops, shape (m,).
-
-        For sets of one PID.
-        """
+        """Return the larger peak of |S| and |1 - S| of sets of one PID, infinite if unstable, shape (m,)."""
         back = self._return_difference(plant, omega)[..., 0, 0]
         with np.errstate(divide="ignore"):
             peaks = (np.maximum(np.abs(back - 1), 1) / np.abs(back)).max(axis=1)
@@ -473,8 +470,8 @@ def migo(
     *,
     largest: float = np.inf,
     N: float = 10.0,
-) -> tuple[Tuning, float] | None:
-    """Return the MIGO tuning and its crossover frequency; None if no PID stabilizes the plant.
+) -> Tuning | None:
+    """Return the MIGO tuning; None if no PID stabilizes the plant.
 
     It maximizes the integral gain K_p / T_i where sensitivity and complementary sensitivity are at
     most 1.6 (more only if necessary), over both signs and a grid of crossover frequencies and times.
@@ -500,9 +497,8 @@ def migo(
     T_i, T_d = np.tile(np.array(shapes), (len(crossover), 1)).T / w
     unit = PIDLaw.of(np.ones(len(w)), T_i, T_d, N=N, T_s=T_s)
     size = np.abs(plant.at(1j * w)[:, 0, 0] * unit.at(np.exp(1j * w * T_s)))
-    w, T_i, T_d, size = (v[size > 0] for v in (w, T_i, T_d, size))
-    K = np.concatenate([1 / size, -1 / size])  # either sign
-    w, T_i, T_d = (np.tile(v, 2) for v in (w, T_i, T_d))
+    T_i, T_d = (np.tile(v[size > 0], 2) for v in (T_i, T_d))
+    K = np.concatenate([1 / size[size > 0], -1 / size[size > 0]])  # either sign
     peak = LinearPIDs(K[:, None], T_i[:, None], T_d[:, None], N).peak(plant, omega)
     # The integral gain measures how well loads are rejected: 1/k_i is the area of the error after a step.
     drive, within = np.abs(K) / T_i, np.abs(K) <= largest
@@ -513,14 +509,15 @@ def migo(
             score = drive if np.isfinite(bound) else 1 / peak
             best = int(np.argmax(np.where(fine, score, -np.inf)))
             found = Tuning(float(K[best]), float(T_i[best]), float(T_d[best]))
-            return replace(found, b=_weight(found, plant, omega, N)), float(w[best])
+            return replace(found, b=_weight(found, plant, omega, N))
     return None
 
 
 def _weight(tuning: Tuning, plant: LinearSystem, omega: Float[np.ndarray, " m"], N: float) -> float:
     """Return the largest set-point weight, in tenths, with which no frequency is amplified; else 0."""
-    z, b = np.exp(1j * omega * plant.dt), np.linspace(1, 0, 11)
+    z, weights = np.exp(1j * omega * plant.dt), np.linspace(0, 1, 11)
     law = PIDLaw.of(tuning.K_p, tuning.T_i, tuning.T_d, N=N, T_s=plant.dt)
     S = LinearPIDs.of([tuning], N).sensitivities(plant, omega)[0]
-    followed = np.abs((b[:, None] * law.K_p + law.integral / (z - 1)) * plant.at(1j * omega)[:, 0, 0]) * S
-    return float(next((b for b, peak in zip(b, followed.max(axis=1), strict=True) if peak <= 1.001), 0.0))
+    C = weights[:, None] * law.K_p + law.integral / (z - 1)  # from the reference to the input
+    peaks = (np.abs(C * plant.at(1j * omega)[:, 0, 0]) * S).max(axis=1)
+    return float(weights[peaks <= 1.001].max(initial=0.0))  # 1 is where it starts, but for rounding

@@ -173,15 +173,15 @@ def _tune(plant: Plant, found: Design, loop: Single) -> Single:
             f"plant {plant.name!r} at its steady state {state}: choose another output by its "
             f"reference, or another kind of controller{_hidden(found.J.part([i], [j]))}"
         )
-    pid = LinearPIDs.of([best[0]], N)
+    pid = LinearPIDs.of([best], N)
     M, rows = pid.loops(model)[0], np.zeros((2, len(model.A) + 2))
     # Only the output is looked at: the second row, for the input, stays 0.
     rows[0, : len(model.A)] = model.C[0]
     try:
-        time, peak, _ = settling(M, pid.drive(model, best[0].b), rows, T_s)
+        time, peak, _ = settling(M, pid.drive(model, best.b), rows, T_s)
     except FloatingPointError:
         time, peak = 200 * T_s, 0.0
-    return replace(loop, tunings=_tunings(loop, model, omega, best[0])).settling(time, peak)
+    return replace(loop, tunings=_tunings(loop, model, omega, best)).settling(time, peak)
 
 
 def _hidden(J: LinearSystem) -> str:

@@ -180,7 +180,7 @@ def tuned(den, num=(1.0,), T_s=0.1):
     plant = sampled(Plant.of((list(num), list(den))).system, T_s)
     found = migo(plant, OMEGA[np.pi / T_s > OMEGA], np.geomspace(0.05, 8, 26))
     assert found is not None
-    return plant, found[0]
+    return plant, found
 
 
 @pytest.mark.parametrize("den", [[1, 4, 6, 4, 1], [1, 2, 1], [1, 1, 0], [1, 0.8, 1]])
@@ -213,7 +213,7 @@ def test_a_plant_of_dead_time_needs_no_set_point_weight():
     plant = sampled(Plant.of(([1.0], [0.05, 1.0])).system, 0.2, np.array([[1.0]]))
     found = migo(plant, np.geomspace(1e-3, 15, 400), np.geomspace(0.03, 4, 26))
     assert found is not None
-    assert found[0].b == 1.0
+    assert found.b == 1.0
 
 
 @pytest.mark.parametrize("den", [[1, 0], [1, 1], [1, -1]])
