@@ -1,7 +1,7 @@
 """PID controllers: the sampled law, the controller that runs, and tuning rules."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -22,11 +22,12 @@ Rows = Shaped[np.ndarray, "p _"]
 
 @dataclass(frozen=True, slots=True)
 class Tuning:
-    """Parameters of a PID: gain with its sign, and integral and derivative time."""
+    """Parameters of a PID: gain with its sign, integral and derivative time, and set-point weight."""
 
     K_p: float
     T_i: float
     T_d: float = 0.0
+    b: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,14 +96,11 @@ class LinearPIDs:
         M[:, n + k, n + k], M[:, n + p + k, n + p + k] = 1.0, law.pole
         return M
 
-    def drive(self, plant: LinearSystem) -> Float[np.ndarray, "n 2"]:
-        """Return what a unit step of reference (b = 1) and of load add to x of the first loop.
-
-        For one PID.
-        """
+    def drive(self, plant: LinearSystem, b: float = 1.0) -> Float[np.ndarray, "n 2"]:
+        """Return what a unit step of the reference and of the load add to x, for one PID."""
         law, n = self._law(plant.dt), len(plant.A)
         drive = np.zeros((n + 2, 2))
-        drive[:n] = np.column_stack([plant.B[:, 0] * law.K_p[0, 0], plant.B[:, 0]])
+        drive[:n] = np.column_stack([plant.B[:, 0] * b * law.K_p[0, 0], plant.B[:, 0]])
         drive[n, 0] = law.integral[0, 0]
         return drive
 
@@ -110,9 +108,12 @@ class LinearPIDs:
         """Return whether all poles of each closed loop are within the unit circle, shape (m,)."""
         return np.asarray(np.abs(np.linalg.eigvals(self.loops(plant))).max(axis=1) < 1 - 1e-9)
 
-    def sensitivity(self, plant: LinearSystem, omega: Float[np.ndarray, " k"]) -> np.ndarray:
-        """Return the largest one of `sensitivities`, infinite for unstable loops, shape (m,)."""
-        return np.where(self.stable(plant), self.sensitivities(plant, omega).max(axis=1), np.inf)
+    def peak(self, plant: LinearSystem, omega: Float[np.ndarray, " k"]) -> np.ndarray:
+        """Return the larger peak of |S| and |1 - S| of sets of one PID, infinite if unstable, shape (m,)."""
+        back = self._return_difference(plant, omega)[..., 0, 0]
+        with np.errstate(divide="ignore"):
+            peaks = (np.maximum(np.abs(back - 1), 1) / np.abs(back)).max(axis=1)
+        return np.where(self.stable(plant), peaks, np.inf)
 
     def sensitivities(self, plant: LinearSystem, omega: Float[np.ndarray, " k"]) -> np.ndarray:
         """Return σ((1 + C G)^-1), the largest one at each of `omega`, shape (m, k).
@@ -121,15 +122,16 @@ class LinearPIDs:
 
         Source: Skogestad, Postlethwaite, Multivariable Feedback Control.
         """
-        z = np.exp(1j * omega * plant.dt)[:, None]
-        C = self._law(plant.dt, each=True).at(z)  # (m, k, p)
-        difference = np.eye(self.K_p.shape[1]) + plant.at(1j * omega) * C[..., None]
-        if difference.shape[-1] == 1:
-            least = np.abs(difference[..., 0, 0])
-        else:
-            least = np.linalg.svd(difference, compute_uv=False)[..., -1]
+        back = self._return_difference(plant, omega)
+        one = back.shape[-1] == 1
+        least = np.abs(back[..., 0, 0]) if one else np.linalg.svd(back, compute_uv=False)[..., -1]
         with np.errstate(divide="ignore"):
             return np.asarray(1 / least)
+
+    def _return_difference(self, plant: LinearSystem, omega: Float[np.ndarray, " k"]) -> np.ndarray:
+        """Return 1 + C G at each of `omega`, shape (m, k, p, p)."""
+        C = self._law(plant.dt, each=True).at(np.exp(1j * omega * plant.dt)[:, None])  # (m, k, p)
+        return np.asarray(np.eye(self.K_p.shape[1]) + plant.at(1j * omega) * C[..., None])
 
     def _law(self, T_s: float, *, each: bool = False) -> PIDLaw:
         """Return the law of each PID, shape (m, p); with `each` for every frequency, (m, 1, p)."""
@@ -468,13 +470,16 @@ def migo(
     *,
     largest: float = np.inf,
     N: float = 10.0,
-) -> tuple[Tuning, float] | None:
-    """Return the MIGO tuning and its crossover frequency; None if no PID stabilizes the plant.
+) -> Tuning | None:
+    """Return the MIGO tuning; None if no PID stabilizes the plant.
 
-    It maximizes the integral gain K_p / T_i at a sensitivity of at most 1.6 (more only if
-    necessary), over both signs and a grid of crossover frequencies and times.
+    It maximizes the integral gain K_p / T_i where sensitivity and complementary sensitivity are at
+    most 1.6 (more only if necessary), over both signs and a grid of crossover frequencies and times.
+    T_d is about a quarter of T_i at most: with a longer one the strongest integral action oscillates
+    for long, though these peaks look robust. Last, the set-point weight takes off what overshoots.
 
-    Source: Åström, Hägglund (2006), Advanced PID Control (MIGO).
+    Source: Åström, Hägglund (2006), Advanced PID Control (MIGO, set-point weight); Wallén, Åström,
+    Hägglund (2002), Loop-shaping design of PID controllers with constant T_i/T_d ratio, Asian J. Control 4.
     Deviation: on a grid, for the sampled loop, so any linear plant will do.
 
     Args:
@@ -487,15 +492,14 @@ def migo(
     T_s = plant.dt
     # T_i and T_d times the crossover frequency; plants that are all dead time need the short T_i.
     integral, derivative = (0.18, 0.35, 0.7, 1.4, 2.8, 5.6, 11.0, 22.0), (0.05, 0.15, 0.4, 1.0, 2.0)
-    shapes = [(i, d) for i in integral for d in derivative]
+    shapes = [(i, d) for i in integral for d in derivative if i >= 3.5 * d]  # of the grid, the nearest to 4
     w = np.repeat(crossover, len(shapes))
     T_i, T_d = np.tile(np.array(shapes), (len(crossover), 1)).T / w
     unit = PIDLaw.of(np.ones(len(w)), T_i, T_d, N=N, T_s=T_s)
     size = np.abs(plant.at(1j * w)[:, 0, 0] * unit.at(np.exp(1j * w * T_s)))
-    w, T_i, T_d, size = (v[size > 0] for v in (w, T_i, T_d, size))
-    K = np.concatenate([1 / size, -1 / size])  # either sign
-    w, T_i, T_d = (np.tile(v, 2) for v in (w, T_i, T_d))
-    peak = LinearPIDs(K[:, None], T_i[:, None], T_d[:, None], N).sensitivity(plant, omega)
+    T_i, T_d = (np.tile(v[size > 0], 2) for v in (T_i, T_d))
+    K = np.concatenate([1 / size[size > 0], -1 / size[size > 0]])  # either sign
+    peak = LinearPIDs(K[:, None], T_i[:, None], T_d[:, None], N).peak(plant, omega)
     # The integral gain measures how well loads are rejected: 1/k_i is the area of the error after a step.
     drive, within = np.abs(K) / T_i, np.abs(K) <= largest
     for bound, allowed in [(b, within) for b in ROBUST] + [(np.inf, np.ones_like(within))]:
@@ -504,5 +508,16 @@ def migo(
             # Among unbounded ones the most robust, else the strongest integral action.
             score = drive if np.isfinite(bound) else 1 / peak
             best = int(np.argmax(np.where(fine, score, -np.inf)))
-            return Tuning(float(K[best]), float(T_i[best]), float(T_d[best])), float(w[best])
+            found = Tuning(float(K[best]), float(T_i[best]), float(T_d[best]))
+            return replace(found, b=_weight(found, plant, omega, N))
     return None
+
+
+def _weight(tuning: Tuning, plant: LinearSystem, omega: Float[np.ndarray, " m"], N: float) -> float:
+    """Return the largest set-point weight, in tenths, with which no frequency is amplified; else 0."""
+    z, weights = np.exp(1j * omega * plant.dt), np.linspace(0, 1, 11)
+    law = PIDLaw.of(tuning.K_p, tuning.T_i, tuning.T_d, N=N, T_s=plant.dt)
+    S = LinearPIDs.of([tuning], N).sensitivities(plant, omega)[0]
+    C = weights[:, None] * law.K_p + law.integral / (z - 1)  # from the reference to the input
+    peaks = (np.abs(C * plant.at(1j * omega)[:, 0, 0]) * S).max(axis=1)
+    return float(weights[peaks <= 1.001].max(initial=0.0))  # 1 is where it starts, but for rounding

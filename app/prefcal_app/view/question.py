@@ -351,7 +351,7 @@ _COARSE = 3
 """Steps of the time shown, up to twice as many: a similar pair has the same time axis, and is drawn
 in a tenth of the time."""
 _NEARLY_ALL = 0.8  # share of the whole time from which all of it is shown
-_FEW, _PARTS, _APART = 0.15, 3, 0.1
+_FEW, _PARTS, _APART = 1 / 3, 3, 0.1
 """Share of the time from first to last movement below which only the parts with movement are shown,
 the largest number of parts, and the least share of it between two."""
 _STRETCHES = 1000  # largest number of stretches of a curve in which movement is looked for
@@ -396,7 +396,7 @@ def eventful(panels: Sequence[Plot], axes: dict[str, Any], *shown: Experiment) -
 
     That is from the first time any curve, reference or limit moves until all of them stay near
     their last value: within the band of a target, and within 2 % of the axis. It is one part, unless
-    things happen in less than 15 % of it, as after a step and a load hours apart, and no curve drifts
+    things happen in less than a third of it, as after a step and a load hours apart, and no curve drifts
     by more than 2 % of the axis between these parts.
 
     Args:

@@ -78,7 +78,7 @@ def pid_scenario(
     named = [n for n in found.loops[0].tunings if all(n in loop.tunings for loop in found.loops)]
     tunings = {name: [loop.tunings[name] for loop in found.loops] for name in named}
     references = {
-        name: theta_of(space, np.ravel([(t.K_p, t.T_i, t.T_d, 1.0) for t in each]) / factors)
+        name: theta_of(space, np.ravel([(t.K_p, t.T_i, t.T_d, t.b) for t in each]) / factors)
         for name, each in tunings.items()
     }
     if isinstance(plant, LinearPlant):
@@ -123,28 +123,28 @@ class PIDs:
                 t.T_d,
                 T_s=self.design.T_s,
                 N=N,
-                b=b,
+                b=t.b,
                 low=loop.channel.low,
                 high=loop.channel.high,
                 output=loop.output,
                 input=loop.input,
             )
-            for loop, t, b in self._tunings(theta)
+            for loop, t in self._tunings(theta)
         ]
         return pids[0] if len(pids) == 1 else Decentralized(pids)
 
     def sensitivity(self, theta: Float[np.ndarray, " n"]) -> float:
         """Return the largest σ((1 + C G)^-1) at the inputs, infinite if the loop is unstable."""
-        pids = LinearPIDs.of([tuning for _, tuning, _ in self._tunings(theta)], N)
+        pids = LinearPIDs.of([tuning for _, tuning in self._tunings(theta)], N)
         if not pids.stable(self.plant)[0]:
             return np.inf
         return peak_of_sampled(lambda omega: pids.sensitivities(self.plant, omega)[0], self.plant.dt)
 
-    def _tunings(self, theta: Float[np.ndarray, " n"]) -> list[tuple[Single, Tuning, float]]:
-        """Return each loop with its tuning and with b; of K_p only the size counts, see `_sign`."""
+    def _tunings(self, theta: Float[np.ndarray, " n"]) -> list[tuple[Single, Tuning]]:
+        """Return each loop with its tuning; of K_p only the size counts, see `_sign`."""
         rows = np.reshape(np.asarray(theta, dtype=float) * self.factors, (-1, 4)).tolist()
         return [
-            (loop, Tuning(_sign(loop) * abs(K_p), T_i, T_d), b)
+            (loop, Tuning(_sign(loop) * abs(K_p), T_i, T_d, b))
             for loop, (K_p, T_i, T_d, b) in zip(self.design.loops, rows, strict=True)
         ]
 
@@ -173,15 +173,15 @@ def _tune(plant: Plant, found: Design, loop: Single) -> Single:
             f"plant {plant.name!r} at its steady state {state}: choose another output by its "
             f"reference, or another kind of controller{_hidden(found.J.part([i], [j]))}"
         )
-    pid = LinearPIDs.of([best[0]], N)
+    pid = LinearPIDs.of([best], N)
     M, rows = pid.loops(model)[0], np.zeros((2, len(model.A) + 2))
     # Only the output is looked at: the second row, for the input, stays 0.
     rows[0, : len(model.A)] = model.C[0]
     try:
-        time, peak, _ = settling(M, pid.drive(model), rows, T_s)
+        time, peak, _ = settling(M, pid.drive(model, best.b), rows, T_s)
     except FloatingPointError:
         time, peak = 200 * T_s, 0.0
-    return replace(loop, tunings=_tunings(loop, model, omega, best[0])).settling(time, peak)
+    return replace(loop, tunings=_tunings(loop, model, omega, best)).settling(time, peak)
 
 
 def _hidden(J: LinearSystem) -> str:

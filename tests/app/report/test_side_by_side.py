@@ -143,7 +143,7 @@ def test_a_slow_study_is_drawn_where_it_moves(draw):
         axes = [each for each in drawn.axes if each.get_visible()]
         found.append({each.get_xlim(): each.get_xlabel() for each in axes if each.get_xlabel()})
     (whole,) = found[0].items()
-    assert whole[0][1] > 440
+    assert whole[0][1] > 380
     assert whole[1] == "time [s]"
     step, load = found[1]
     assert step[0] == 0

@@ -86,6 +86,13 @@ def test_a_curve_of_minutes_in_hours_is_drawn_without_kinks():
     assert np.abs(between - y).max() < 0.01  # of 6 m, 8 s without a point have shown 0.026
 
 
+@pytest.mark.parametrize(("late", "parts"), [(28.0, 2), (14.0, 1)])
+def test_a_load_that_comes_late_is_a_part_of_its_own_if_both_take_less_than_a_third_of_the_time(late, parts):
+    # The step takes 2.3 h and the load as long: with what is shown around them, about 8 h in all.
+    one = made(step(0.5) + 3.0 * (late < T) * np.exp(-np.clip(T - late, 0, None) / 0.5))
+    assert len(eventful(PANELS, Seen().frame(PANELS, one, one), one, one)) == parts
+
+
 def test_a_drift_between_two_events_keeps_the_time_between():
     drift = step(1.0, tau=0.1) + np.clip(T - 2, 0, 38) * 0.02 + np.where(T > 40, 1.0, 0.0)
     assert shown(made(drift), made(drift))[1] > 40

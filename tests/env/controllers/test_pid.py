@@ -1,6 +1,7 @@
 """The PID as it runs, and the sampled law that it follows in linear loops."""
 
 from copy import deepcopy
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import pytest
 from prefcal_env import PID, Channel, Measurement, Plant, PlantEnv, Task, rollout
 from prefcal_env.controllers import as_data, from_data
 from prefcal_env.controllers.margins import sampled
-from prefcal_env.controllers.pid import Decentralized, LinearPIDs, PIDLaw, Tuning
+from prefcal_env.controllers.pid import Decentralized, LinearPIDs, PIDLaw, Tuning, migo
 from prefcal_env.errors import SettingsError
 from prefcal_env.plants.systems import system_of
 
@@ -126,12 +127,13 @@ def lag_sampled():
     return sampled(LAG.system, 0.25, np.array([[0.7]]))
 
 
-def test_a_step_of_the_reference_is_answered_as_by_the_running_pid():
-    pid = PID(TUNING.K_p, TUNING.T_i, TUNING.T_d, T_s=0.25, N=8.0)
+@pytest.mark.parametrize("b", [1.0, 0.3])
+def test_a_step_of_the_reference_is_answered_as_by_the_running_pid(b):
+    pid = PID(TUNING.K_p, TUNING.T_i, TUNING.T_d, T_s=0.25, N=8.0, b=b)
     task = Task(x0=np.zeros(2), u0=np.zeros(1), y_ref=np.ones(1), horizon=20.0, dense_step=0.25)
     e = rollout(PlantEnv(LAG, task), pid, np.zeros(1))
     plant, law = lag_sampled(), LinearPIDs.of([TUNING], 8.0)
-    M, drive = law.loops(plant)[0], law.drive(plant)[:, 0]
+    M, drive = law.loops(plant)[0], law.drive(plant, b)[:, 0]
     x, step = np.zeros(len(M)), []
     for _ in e.t:
         step.append(plant.C[0] @ x[: len(plant.A)])
@@ -151,9 +153,9 @@ def test_one_pid_of_a_pair_is_as_sensitive_as_alone_if_nothing_couples_them():
     two = system_of((-np.diag([1.0, 2.0]), np.eye(2), np.eye(2), np.zeros((2, 2))))
     omega = np.geomspace(1e-3, 30, 200)
     slow, fast = Tuning(1.0, 2.0), Tuning(3.0, 1.0, 0.1)
-    both = LinearPIDs.of([slow, fast], 10.0).sensitivity(sampled(two, 0.1), omega)[0]
+    both = LinearPIDs.of([slow, fast], 10.0).sensitivities(sampled(two, 0.1), omega).max()
     alone = [
-        LinearPIDs.of([t], 10.0).sensitivity(sampled(two.part([i], [i]), 0.1), omega)[0]
+        LinearPIDs.of([t], 10.0).sensitivities(sampled(two.part([i], [i]), 0.1), omega).max()
         for i, t in enumerate((slow, fast))
     ]
     assert both == pytest.approx(max(alone))
@@ -163,9 +165,62 @@ def test_sets_are_checked_together_as_each_alone():
     omega = np.geomspace(1e-3, 12, 100)
     gains = np.array([[0.5], [1.5], [400.0]])
     together = LinearPIDs(gains, np.full((3, 1), 4.0), np.zeros((3, 1)), 10.0)
-    peaks = together.sensitivity(lag_sampled(), omega)
+    peaks = together.peak(lag_sampled(), omega)
     for gain, peak in zip(gains[:, 0], peaks, strict=True):
-        alone = LinearPIDs.of([Tuning(gain, 4.0)], 10.0).sensitivity(lag_sampled(), omega)
+        alone = LinearPIDs.of([Tuning(gain, 4.0)], 10.0).peak(lag_sampled(), omega)
         assert peak == pytest.approx(alone[0])
     assert np.isinf(peaks[2])
     assert together.stable(lag_sampled()).tolist() == [True, True, False]
+
+
+OMEGA = np.geomspace(1e-3, 30, 400)
+
+
+def tuned(den, num=(1.0,), T_s=0.1):
+    plant = sampled(Plant.of((list(num), list(den))).system, T_s)
+    found = migo(plant, OMEGA[np.pi / T_s > OMEGA], np.geomspace(0.05, 8, 26))
+    assert found is not None
+    return plant, found
+
+
+@pytest.mark.parametrize("den", [[1, 4, 6, 4, 1], [1, 2, 1], [1, 1, 0], [1, 0.8, 1]])
+def test_the_derivative_time_stays_a_quarter_of_the_integral_time(den):
+    # Of (s + 1)^-4 the largest integral gain alone has T_d = 2.8 T_i, and a step rings for 25 s.
+    plant, tuning = tuned(den)
+    assert tuning.T_i >= 3.5 * tuning.T_d > 0
+    assert LinearPIDs.of([tuning], 10.0).peak(plant, OMEGA)[0] <= 1.6
+
+
+def overshoot(plant, tuning):
+    law, x = LinearPIDs.of([tuning], 10.0), np.zeros(len(plant.A) + 2)
+    M, drive, y = law.loops(plant)[0], law.drive(plant, tuning.b)[:, 0], []
+    for _ in range(1000):
+        y.append(plant.C[0] @ x[: len(plant.A)])
+        x = M @ x + drive
+    assert y[-1] == pytest.approx(1.0, abs=0.01)
+    return max(y) - 1
+
+
+@pytest.mark.parametrize("den", [[1, 2, 1], [1, 1, 0], [1, 0.8, 1]])
+def test_the_set_point_weight_takes_off_what_a_step_overshoots(den):
+    plant, tuning = tuned(den)
+    assert 0 <= tuning.b < 1
+    assert overshoot(plant, tuning) < 0.1
+    assert overshoot(plant, replace(tuning, b=1.0)) > 2 * overshoot(plant, tuning)
+
+
+def test_a_plant_of_dead_time_needs_no_set_point_weight():
+    plant = sampled(Plant.of(([1.0], [0.05, 1.0])).system, 0.2, np.array([[1.0]]))
+    found = migo(plant, np.geomspace(1e-3, 15, 400), np.geomspace(0.03, 4, 26))
+    assert found is not None
+    assert found.b == 1.0
+
+
+@pytest.mark.parametrize("den", [[1, 0], [1, 1], [1, -1]])
+def test_the_complementary_sensitivity_is_limited_too(den):
+    # A PI of an integrator or a lag is robust by M_s however short T_i is, and rings: K_p T_i is its damping.
+    plant, tuning = tuned(den)
+    z = np.exp(1j * OMEGA * plant.dt)
+    law = PIDLaw.of(tuning.K_p, tuning.T_i, tuning.T_d, N=10.0, T_s=plant.dt)
+    L = plant.at(1j * OMEGA)[:, 0, 0] * law.at(z)
+    assert np.abs(L / (1 + L)).max() <= 1.6

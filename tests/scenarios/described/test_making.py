@@ -257,15 +257,15 @@ def test_margins_can_be_limits_of_a_pid(tmp_path):
     text = f'controller = "pid"\nplant = "{tmp_path / "model.py"}:plant"\n[kpis]\nsettling_time = 300\n'
     file.write_text(text)
     without = load(str(file))
-    file.write_text(f"{text}phase_margin = {{ at_least = 50 }}\ngain_margin = {{ at_least = 6 }}\n")
+    file.write_text(f"{text}phase_margin = {{ at_least = 60 }}\ngain_margin = {{ at_least = 6 }}\n")
     scenario = load(str(file))
     phase, gain = scenario.kpis[1:]
     theta = scenario.references["MIGO"]
     run = scenario.run(theta)
-    assert (phase.at_least, phase.unit, gain.at_least) == (50, "°", 6)
+    assert (phase.at_least, phase.unit, gain.at_least) == (60, "°", 6)
     assert not phase.met_by(run)
     assert gain.met_by(run)
-    assert 40 < run.kpis["phase_margin"] < 50
+    assert 50 < run.kpis["phase_margin"] < 60
     file.write_text(f'{text}M_s = {{ at_most = 170, unit = "%" }}\n')
     assert load(str(file)).kpis[1].at_most == pytest.approx(1.7)
     assert run.kpis["M_s"] == without.run(theta).kpis["M_s"]

@@ -82,7 +82,7 @@ function rest({ axes: { x }, windows }, { x: shown, part }, unit) {
   const how = matchMedia("(hover: none)").matches ? "double-tap" : "key 0";
   const next = windows[part + 1]; // a zoom to the target is no part
   if (next) return ` · ${how}: moves again from ${Number(next[0].toPrecision(4))} ${unit}`;
-  return ` · ${how}: all ${Number((x[1] - x[0]).toPrecision(4))} ${unit}`;
+  return ` · ${how}: all of the time`;
 }
 
 export function layout(question, name, view, unit, { width, height }) {
