@@ -338,7 +338,6 @@ class Outlook:
     unbeaten: str = ""  # sentence on other experiments that never lost; empty if there are none
     missed: str = ""  # sentence on the objectives that the best experiment misses; empty if it meets all
     result: tuple[str, ...] = ()  # sentences on what was wanted, and on which answer the result rests
-    enough: str = ""  # the one sentence of the promise that an acceptance sheet has; empty for all of it
 
     @property
     def sentences(self) -> tuple[str, ...]:

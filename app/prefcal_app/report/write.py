@@ -151,9 +151,7 @@ def answers(record: StudyRecord) -> Answers:
     partial = "; the study is not complete" if record.partial else ""
     digest = f" SHA-256 of the study file: {record.digest}." if record.digest else ""
     said = record.outlook
-    promise, unbeaten, told = (
-        ("", "", ()) if said is None else (said.enough or said.promise, said.unbeaten, said.result)
-    )
+    promise, unbeaten, told = ("", "", ()) if said is None else (said.promise, said.unbeaten, said.result)
     only = "only where candidates are simulated, at the end of a study"
     found = {
         "Who answered": f"{counted(len(record.trials), 'experiment')}, "

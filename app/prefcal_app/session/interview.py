@@ -13,16 +13,7 @@ from prefcal_agents.glisp.agent import Foresight
 from prefcal_agents.learned_cost import LearnedCost
 from prefcal_agents.screening.agent import Screening
 from prefcal_agents.screening.findings import Findings
-from prefcal_app.simulating import (
-    Screened,
-    SimulationCounts,
-    Simulator,
-    enough,
-    named_twin,
-    promise,
-    simulates,
-    told,
-)
+from prefcal_app.simulating import Screened, SimulationCounts, Simulator, named_twin, promise, simulates, told
 from prefcal_app.summary import (
     NONE_SAFE,
     Consistency,
@@ -179,7 +170,7 @@ class Known:
             nominal = self.nominal(state.history.incumbent)
             scenario, run = self._scenario(), self._experiment
             result = told(said, scenario, run, index=self.index, nominal=nominal)
-            found = replace(found, result=result, enough=enough(said))
+            found = replace(found, result=result)
         if not by_value:
             found = replace(found, unbeaten=others_unbeaten(state.history, robust=is_robust(state)))
         return found if found.sentences else None

@@ -17,7 +17,6 @@ from .simulator import twin_of as twin_of
 from .why import as_shown as as_shown
 from .why import at_stake as at_stake
 from .why import carried_by as carried_by
-from .why import enough as enough
 from .why import menu_names as menu_names
 from .why import named_titles as named_titles
 from .why import offer as offer

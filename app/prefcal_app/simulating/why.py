@@ -467,7 +467,7 @@ def promise(found: Findings) -> str:
     # To know which of them hold would take hundreds of runs of each.
     which = f"the {found.simulated} simulated{'' if found.kept is None else ', whether it holds or not,'}"
     if said is not None and said.share is not None and said.chance is not None:
-        left = enough(found)
+        left = _few_left(found)
         more = f"{left}{_as_good_as(said)}" if left else _EARLY
         return (
             f"The chance that the most promising of {which} is noticeably better than the best so far is "
@@ -478,8 +478,8 @@ def promise(found: Findings) -> str:
     )
 
 
-def enough(found: Findings) -> str:
-    """Return of how many random θ fewer are noticeably better, for a sheet; empty where that is not said."""
+def _few_left(found: Findings) -> str:
+    """Return of how many random θ fewer are noticeably better; empty where that is not said."""
     said = found.certificate
     if said is None or said.share is None or said.share >= 1:
         return ""

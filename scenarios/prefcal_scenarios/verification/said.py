@@ -285,7 +285,7 @@ def _next(found: Verification, scenario: Scenario, baseline: str, again: str) ->
     if not found.failed:
         return widen
     alone = f"if nothing but {found.stated} counts, verify that alone, with --range task=0"
-    every = (before, *widen, found.limiting, alone if found.holds_as_stated else "", other)
+    every = (before, other, found.limiting, alone if found.holds_as_stated else "", *widen)
     if before or other:  # where a better tuning is known, no limit has to go
         return tuple(filter(None, every))
     left = "" if found.holds_as_stated else _nothing_else(found)
