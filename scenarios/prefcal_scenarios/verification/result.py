@@ -135,8 +135,8 @@ class Verification:
         tuning: How the tuning fares.
         before: How the current tuning does on the same plants; None if it is not known.
         alone: Runs of the tuning with the lowest and the highest value of each factor, in pairs.
-        others: How other tunings fare; None if they were not tried: all runs are good, some are missing, or
-            a run is no simulation.
+        others: How other tunings fare; None if they were not tried: all runs are good, some are missing,
+            the tuning before holds in all, or a run is no simulation.
         as_stated: Random runs again with the task as stated: the first that failed and, if all of these
             hold there, all. Empty if no run failed, or nothing of the task varied that nobody stated, or the
             tuning does not even hold nominally.

@@ -593,10 +593,12 @@ class _Trials:
 
 def _look_further(trials: _Trials) -> Verification:
     """Return a verification with what the task as stated and other tunings do, if some run fails."""
-    verified = trials.verified
+    verified, before = trials.verified, trials.verified.before
+    # Nothing holds in more runs than all: then the tuning before is advised, and no other is looked for.
+    taken = before and before.holds(len(verified.runs)) and replace(verified, tuning=before).sound
     with suppress(_Stopped):
         verified = replace(verified, as_stated=_as_stated(trials) if verified.failed else ())
-        if verified.failed and trials.scenario.simulated:
+        if verified.failed and trials.scenario.simulated and not taken:
             verified = replace(verified, others=_try_others(trials))
     return verified
 
