@@ -123,6 +123,7 @@ class Certificate:
             end of a 90 % interval for people of all kinds together, the median, and the upper end,
             1 to 1000, which stands for more, too. None if the answers do not follow from the KPIs.
         enough: Whether so little is left that a study can end, after 6 and 8 answers.
+        by_knobs: Whether nothing is stated since θ predicts the answers better than the KPIs do.
     """
 
     share: float | None
@@ -131,6 +132,7 @@ class Certificate:
     promising: tuple[float, ...]
     experiments: tuple[float, float, float] | None = None
     enough: bool = False
+    by_knobs: bool = False
 
     @property
     def explained(self) -> bool:
@@ -146,7 +148,7 @@ class Certificate:
         """
         # Then the draws are of somebody else, and so would be all numbers that follow from them.
         if found.predicted < _BY_CHANCE or not found.explained:
-            return cls(None, PROBABILITY, None, found.promising)
+            return cls(None, PROBABILITY, None, found.promising, by_knobs=not found.explained)
         constant, *slopes = _SHARE
         size = constant + float(np.dot(slopes, found.terms))
         # If s of all θ are better, no θ of N is with probability (1 - s)^N: a few cannot show a small share.

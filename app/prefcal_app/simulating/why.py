@@ -463,7 +463,10 @@ def promise(found: Findings) -> str:
     if chance is None:
         return ""
     if said is not None and not said.explained:
-        return "The answers may follow from more than the KPIs: how much is left to gain is not said."
+        why = "what the others teach of the KPIs predicts each answer no better than chance"
+        if said.by_knobs:
+            why = "the values of the knobs predict the answers better than the KPIs do"
+        return f"How much is left to gain is not said: {why}."
     # To know which of them hold would take hundreds of runs of each.
     which = f"the {found.simulated} simulated{'' if found.kept is None else ', whether it holds or not,'}"
     if said is not None and said.share is not None and said.chance is not None:

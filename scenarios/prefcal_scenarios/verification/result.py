@@ -372,17 +372,18 @@ class Verification:
 
     @property
     def _loud(self) -> str:
-        """Return which KPI a sensor alone makes many times as bad, such as a valve's moves; "" if none."""
-        for each in self.effects:
-            kpi = next((k for k in self.kpis if k.title == each.kpi and k.goal == "lower"), None)
-            if kpi is None or each.factor.kind != "sensor" or not each.doubled:
-                continue
-            both = self.tuning.nominal.kpis[kpi.name], each.run.kpis[kpi.name]
-            if both[1] > _LOUD * both[0] > 0:
-                before, after = (number(value) for value in comparable(kpi, both))
-                worse = f"{kpi.title} from {before} to {with_unit(after, kpi.unit)}"
-                return f" {sentence(f'{each.factor.name} alone takes {worse}')}"
-        return ""
+        """Return which KPIs a sensor alone makes many times as bad, such as a valve's moves; "" if none."""
+        nominal, said = self.tuning.nominal.kpis, list[str]()
+        for factor, *runs in zip(self.factors, self.alone[::2], self.alone[1::2], strict=False):
+            worse = list[str]()
+            for kpi in (k for k in self.kpis if k.goal == "lower" and factor.kind == "sensor"):
+                most = max(run.kpis.get(kpi.name, 0.0) for run in runs)
+                if np.inf > most > _LOUD * nominal.get(kpi.name, np.inf) > 0:
+                    before, after = map(number, comparable(kpi, [nominal[kpi.name], most]))
+                    worse.append(f"{kpi.title} from {before} to {with_unit(after, kpi.unit)}")
+            if worse:
+                said.append(f" {sentence(f'{factor.name} alone takes {join_words(worse)}')}")
+        return "".join(said)
 
     @property
     def misses_margin(self) -> bool:

@@ -481,7 +481,9 @@ def test_the_number_of_random_experiments_by_hand():
     assert said.experiments[0] < said.experiments[1] < said.experiments[2] == MOST
     poor, *_ = Certificate.of(replace(KNOWN, better=1.0, wide=1.0, held=0.0, answers=2)).experiments
     assert poor == 1
-    assert Certificate.of(replace(KNOWN, explained=False)).experiments is None
+    unexplained = Certificate.of(replace(KNOWN, explained=False))
+    assert (unexplained.experiments, unexplained.by_knobs) == (None, True)
+    assert not Certificate.of(replace(KNOWN, predicted=-5.0)).by_knobs
 
 
 def test_the_chance_grows_with_that_of_the_draws_and_is_never_sure():

@@ -419,10 +419,14 @@ def test_a_robust_result_says_what_was_not_varied_in_the_words_of_a_verification
 
 
 def test_where_answers_do_not_follow_from_the_kpis_it_says_no_number():
-    found = certified(replace(CERTIFIED, share=None, chance=None))
-    said = "The answers may follow from more than the KPIs: how much is left to gain is not said."
-    assert promise(found) == said
-    assert offer(found) == ""
+    said = "How much is left to gain is not said: "
+    for by_knobs, reason in (
+        (True, "the values of the knobs predict the answers better than the KPIs do."),
+        (False, "what the others teach of the KPIs predicts each answer no better than chance."),
+    ):
+        found = certified(replace(CERTIFIED, share=None, chance=None, by_knobs=by_knobs))
+        assert promise(found) == said + reason
+        assert offer(found) == ""
 
 
 def test_at_the_end_it_says_what_was_wanted_and_what_the_result_rests_on(monkeypatch):

@@ -125,6 +125,17 @@ def test_what_doubles_a_kpi_comes_before_what_only_goes_further_beyond_its_range
     calm = verify(replace(SPRING, run=Noisy(), kpis=kpis), THETA, 20, ranges={NOISE: [0, 0.01]}, jobs=1)
     assert calm.effects[0].doubled
     assert "alone takes" not in calm.headline, "58 → 244 % is less than 5 times"
+    # What hurts most of one sensor may be another KPI: the moves are said all the same, "never" is not.
+    most = {"overshoot": 0.6, "move": 452.0, "late": np.inf}
+    near = replace(found.alone[3], kpis=found.alone[3].kpis | most)
+    nominal = replace(found.tuning.nominal, kpis=dict.fromkeys(most, 48.0) | {"overshoot": 0.05})
+    both = replace(
+        found,
+        kpis=(replace(kpis[1], name="overshoot", title="overshoot"), kpis[1], replace(kpis[0], name="late")),
+        alone=(*found.alone[:3], near),
+        tuning=replace(found.tuning, nominal=nominal),
+    )
+    assert both._loud == " Noise alone takes overshoot from 0.05 to 0.6 % and total move from 48 to 452 %."
     for least, doubled in ((9.0, True), (11.0, False)):  # of 20, 9 is less than half and 11 is not
 
         def worn(theta, seed=0, mass=1.0, least=least):
