@@ -1,7 +1,8 @@
 """What a person may want from KPIs, what answers say of it, and which θ is worth showing."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from itertools import product
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -523,6 +524,12 @@ DRAWS = 1024
 """Number of draws that stand for what is known."""
 AFTER = 10
 """Number of answers before KPIs can be left; fewer say too little."""
+_AT_ONCE = 256  # number of draws that are worked out at a time: of a long study, their levels stay in the cache
+
+
+def some_of(count: int) -> Iterator[Int[np.ndarray, " q"]]:
+    """Yield the rows of some of `count` draws at a time: of a long study, what is said of all is large."""
+    return (np.arange(start, min(start + _AT_ONCE, count)) for start in range(0, count, _AT_ONCE))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -608,9 +615,9 @@ class Lessons:
         See `Utilities.differences`.
         """
         found, counted = np.zeros((utilities.used, len(utilities), len(self))), utilities.counted
-        for part in utilities.parts:  # of a long study, all levels at once would be another 70 MB
-            level = utilities.level(self.logs, part)
-            found[part] = _subtract(level, self.better, self.worse, counted[part])
+        for part, draws in product(utilities.parts, some_of(len(utilities))):
+            level = utilities.level(self.logs, part, draws)
+            found[part, draws] = _subtract(level, self.better, self.worse, counted[part, draws])
         return found
 
 
@@ -621,20 +628,21 @@ class Posterior:
     Args:
         utilities: s draws.
         lessons: The answers.
-        apart: How much better one experiment of each answer is, see `Utilities.differences`, (c, s, a).
         logs: Logarithm of the probability of each answer, see `Utilities.log_answers`, shape (s, a).
     """
 
     utilities: Utilities
     lessons: Lessons
-    apart: Float[np.ndarray, "c s a"]
     logs: Float[np.ndarray, "s a"]
 
     @classmethod
     def of(cls, utilities: Utilities, lessons: Lessons) -> "Posterior":
         """Return what draws, which are given the answers already, say of them."""
-        apart = lessons.differences(utilities)
-        return cls(utilities, lessons, apart, utilities.log_answers(utilities.gain(apart), lessons.tie))
+        logs = np.empty((len(utilities), len(lessons)))
+        for rows in some_of(len(utilities)):
+            some = utilities.take(rows)
+            logs[rows] = some.log_answers(some.gain(lessons.differences(some)), lessons.tie)
+        return cls(utilities, lessons, logs)
 
     def update(
         self, new: Lessons, scale: Scale, rng: np.random.Generator, mistakes: Mistakes = REAL
@@ -648,9 +656,8 @@ class Posterior:
         decides.
         """
         before, kept = self.utilities, new.shared(self.lessons)
-        fresh = new.take(np.arange(kept, len(new)))
-        apart = fresh.differences(before)
-        logs = np.hstack([self.logs[:, :kept], before.log_answers(before.gain(apart), fresh.tie)])
+        fresh = Posterior.of(before, new.take(np.arange(kept, len(new))))
+        logs = np.hstack([self.logs[:, :kept], fresh.logs])
         # Only the ratio: the draws already follow the old answers, which may change, too, when one is
         # retracted.
         gained = logs @ new.strength - self.logs @ self.lessons.strength
@@ -660,13 +667,7 @@ class Posterior:
         places = (rng.random() + np.arange(len(before))) / len(before) * shares[-1]
         rows = np.minimum(np.searchsorted(shares, places), len(before) - 1)
         rows = rng.permutation(rows)
-        logs = logs.take(rows, axis=0)
-        both, taken = np.empty((len(apart), *logs.shape)), np.empty(self.logs.shape)
-        for part, added in enumerate(apart):  # of a long study, all at once would be another 50 MB
-            self.apart[part].take(rows, axis=0, out=taken, mode="clip")  # "raise" would copy once more
-            both[part, :, :kept] = taken[:, :kept]
-            both[part, :, kept:] = added.take(rows, axis=0)
-        return _move(Posterior(before.take(rows), new, both, logs), scale, rng, mistakes)
+        return _move(Posterior(before.take(rows), new, logs.take(rows, axis=0)), scale, rng, mistakes)
 
 
 def learn(before: Utilities, lessons: Lessons, scale: Scale, rng: np.random.Generator) -> Utilities:
@@ -725,11 +726,12 @@ class _Told(NamedTuple):
 
 
 def _move(given: Posterior, scale: Scale, rng: np.random.Generator, mistakes: Mistakes) -> Posterior:
-    """Return the draws after Metropolis steps. Only what a step changes is computed again, in `given`.
+    """Return the draws after Metropolis steps. Only what a step changes is computed again.
 
     Of a long study, a step that a few answers refuse meets no other.
     """
-    utilities, logs, told = given.utilities, given.logs, _Told(given.lessons, given.apart)
+    utilities, logs = given.utilities, given.logs
+    told = _Told(given.lessons, given.lessons.differences(utilities))
     count, k = utilities.normals.shape
     stages = [told.worst(logs), told] if len(told.lessons) > 2 * _TELLING else [told]
     likely, weights = logs @ told.lessons.strength, utilities.weights
