@@ -486,7 +486,7 @@ class Growth:
         self._stages = Stages(lambda: self._light(History(), self._first()), self._follow)
         self._whole = Remembered(self._judge, _LARGE)
         self._kept: Mapping[bytes, KeptStage] = {}
-        self.worth = Remembered(lambda past: worth(self.stage(past).costs), _LARGE)
+        self.worth = Remembered(lambda past: worth(self.stage(past).costs), 1)
         """Worth of each θ in each draw of the stage after a record, shape (d, m)."""
         self.posterior = Remembered(self._posterior, _LARGE)
         """What the draws of the stage after a record say of each answer."""
