@@ -524,7 +524,7 @@ DRAWS = 1024
 """Number of draws that stand for what is known."""
 AFTER = 10
 """Number of answers before KPIs can be left; fewer say too little."""
-_AT_ONCE = 256  # number of draws that are worked out at a time: of a long study, their levels stay in the cache
+_AT_ONCE = 256  # number of draws that are worked out at a time: levels of a long study stay in the cache
 
 
 def some_of(count: int) -> Iterator[Int[np.ndarray, " q"]]:

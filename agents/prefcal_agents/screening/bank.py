@@ -538,7 +538,8 @@ class Growth:
                 return None
             spread = np.frombuffer(kept.spread, dtype=np.int64)
             stage = self._stage(past, bank, spread, scale, utilities)
-            return self._light(past, stage) if sha256(stage.bank.kpis.tobytes()).digest() == kept.kpis else None
+            same = sha256(stage.bank.kpis.tobytes()).digest() == kept.kpis
+            return self._light(past, stage) if same else None
 
     def _pool(self, history: History) -> DrawPool:
         stage, last = self.stage(history), history.answered
