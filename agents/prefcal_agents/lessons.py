@@ -280,11 +280,13 @@ class Remembered(Generic[Known]):
         with suppress(KeyError):  # another thread may drop it at any time
             self._known.move_to_end(history.key)
             return self._known[history.key]
-        return self.keep(history, self._function(history, *given))
+        known = self._known[history.key] = self._function(history, *given)
+        while len(self._known) > self._most:
+            self._known.popitem(last=False)
+        return known
 
     def keep(self, history: History, known: Known) -> Known:
         """Remember what the function would return, which was found on the way to something else."""
-        self._known.pop(history.key, None)
         while len(self._known) >= self._most:
             self._known.popitem(last=False)
         self._known[history.key] = known

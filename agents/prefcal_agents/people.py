@@ -1,6 +1,6 @@
 """What a person may want from KPIs, what answers say of it, and which θ is worth showing."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import product
 from types import MappingProxyType
@@ -527,11 +527,6 @@ AFTER = 10
 _AT_ONCE = 256  # number of draws that are worked out at a time: levels of a long study stay in the cache
 
 
-def some_of(count: int) -> Iterator[Int[np.ndarray, " q"]]:
-    """Yield the rows of some of `count` draws at a time: of a long study, what is said of all is large."""
-    return (np.arange(start, min(start + _AT_ONCE, count)) for start in range(0, count, _AT_ONCE))
-
-
 @dataclass(frozen=True, eq=False, slots=True)
 class Lessons:
     """Answers as arrays, about experiments given by their log distances.
@@ -615,7 +610,8 @@ class Lessons:
         See `Utilities.differences`.
         """
         found, counted = np.zeros((utilities.used, len(utilities), len(self))), utilities.counted
-        for part, draws in product(utilities.parts, some_of(len(utilities))):
+        every = np.split(np.arange(len(utilities)), range(_AT_ONCE, len(utilities), _AT_ONCE))
+        for part, draws in product(utilities.parts, every):
             level = utilities.level(self.logs, part, draws)
             found[part, draws] = _subtract(level, self.better, self.worse, counted[part, draws])
         return found
@@ -638,11 +634,8 @@ class Posterior:
     @classmethod
     def of(cls, utilities: Utilities, lessons: Lessons) -> "Posterior":
         """Return what draws, which are given the answers already, say of them."""
-        logs = np.empty((len(utilities), len(lessons)))
-        for rows in some_of(len(utilities)):
-            some = utilities.take(rows)
-            logs[rows] = some.log_answers(some.gain(lessons.differences(some)), lessons.tie)
-        return cls(utilities, lessons, logs)
+        gain = utilities.gain(lessons.differences(utilities))
+        return cls(utilities, lessons, utilities.log_answers(gain, lessons.tie))
 
     def update(
         self, new: Lessons, scale: Scale, rng: np.random.Generator, mistakes: Mistakes = REAL
@@ -656,8 +649,9 @@ class Posterior:
         decides.
         """
         before, kept = self.utilities, new.shared(self.lessons)
-        fresh = Posterior.of(before, new.take(np.arange(kept, len(new))))
-        logs = np.hstack([self.logs[:, :kept], fresh.logs])
+        fresh = new.take(np.arange(kept, len(new)))
+        added = before.log_answers(before.gain(fresh.differences(before)), fresh.tie)
+        logs = np.hstack([self.logs[:, :kept], added])
         # Only the ratio: the draws already follow the old answers, which may change, too, when one is
         # retracted.
         gained = logs @ new.strength - self.logs @ self.lessons.strength

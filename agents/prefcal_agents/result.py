@@ -11,13 +11,14 @@ from prefcal_env.knobs import KnobSpace
 from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_env.preferences.history import History
 
-from .people import Bank, Lessons, Posterior, Scale, Utilities, overtaking, some_of, worth
+from .people import Bank, Lessons, Posterior, Scale, Utilities, overtaking, worth
 
 # --- Draws of a whole study at once: what other answers would teach, with nothing drawn again.
 #
 # The draws after the last answer lie where that record is likely. What would follow from another one
 # needs draws elsewhere: those from before the answers, and those after each of them.
 
+_AT_ONCE = 256  # number of draws that are worked out at a time
 _STEPS = 30  # steps of the fixed point; each one brings the constants several times nearer
 
 
@@ -74,10 +75,15 @@ class DrawPool:
             constants = logsumexp(likely - density, axis=1, keepdims=True) - np.log(len(density))
         return replace(pool, density=density, told=last, likely=likely[-1])
 
+    @property
+    def parts(self) -> Iterator[Int[np.ndarray, " q"]]:
+        """Return some draws at a time: of a long study, all at once would be another 700 MB."""
+        count = len(self.utilities)
+        return (np.arange(start, min(start + _AT_ONCE, count)) for start in range(0, count, _AT_ONCE))
+
     def log_answers(self, given: Lessons) -> Iterator[tuple[Int[np.ndarray, " q"], Float[np.ndarray, "q a"]]]:
         """Yield some draws at a time, with the logarithm of the probability of each answer, shape (q, a)."""
-        some = some_of(len(self.utilities))
-        return ((part, Posterior.of(self.utilities.take(part), given).logs) for part in some)
+        return ((part, Posterior.of(self.utilities.take(part), given).logs) for part in self.parts)
 
     def log_likelihoods(self, records: Sequence[History]) -> Float[np.ndarray, "r s"]:
         """Return the logarithm of the probability of all answers of each record, shape (r, s)."""
@@ -241,7 +247,7 @@ def _results(
         history: One of the records; they mark the same samples as unsafe.
     """
     count, better = history.answered, np.zeros((len(bests), history.answered))
-    for part in some_of(len(pool.utilities)):
+    for part in pool.parts:
         costs = pool.utilities.take(part).costs(pool.logs[pool.shown[:count]])
         for best in {*bests}:
             own = np.flatnonzero(np.array(bests) == best)
@@ -254,7 +260,8 @@ def _results(
         return found
     # Worth is a rank among all simulated θ, so costs of the shown ones alone would not do.
     judges, places = np.unique([_pick(weights[:, k], _JUDGES) for k in doubted], return_inverse=True)
-    parts, shown = (judges[part] for part in some_of(len(judges))), pool.shown[:count]
+    parts = np.array_split(judges, len(judges) // _AT_ONCE + 1)
+    shown = pool.shown[:count]
     value = np.concatenate([worth(pool.utilities.take(part).costs(pool.logs))[:, shown] for part in parts])
     for k, own in zip(doubted, places.reshape(len(doubted), -1), strict=True):
         found[k] = int(np.argmax(np.where(rivals[k], value[own].mean(axis=0), -np.inf))), False

@@ -380,7 +380,7 @@ _LEARN = 0  # first stream of random numbers; the next ones place θ
 _CORRECT = 1000  # stream that draws how the plant differs from the simulation
 _TRAVELED = 0.5  # how much an answer of an earlier study counts, where one of this study counts 1
 _RECENT = 20  # number of answers of an earlier study that count, the latest ones
-_LARGE = 4  # number of large things of each kind in memory: of the record and of three likely answers
+_POSTERIORS = 3  # number of posteriors in memory, those of likely answers; in a long study each is 8 MB
 _POOL, _RECALLED = 2000, 10
 """Stream of the pool's draws before any answer, and number of the latest answers it has draws of."""
 
@@ -482,35 +482,17 @@ class Growth:
         wide = sum(count for count, _ in self._plan)
         # One design for both parts, which fill the space together.
         self._design = latin_hypercube(space, wide, seed) if given is None else space.encode_all(given)
-        # Forty stages are in memory, and the costs of two thousand θ are 4 MB each: few are with them.
-        self._stages = Stages(lambda: self._light(History(), self._first()), self._follow)
-        self._whole = Remembered(self._judge, _LARGE)
+        self.stage = Stages(self._first, self._follow)
+        """What is known after a record, simulating what was not simulated yet."""
         self._kept: Mapping[bytes, KeptStage] = {}
         self.worth = Remembered(lambda past: worth(self.stage(past).costs), 1)
         """Worth of each θ in each draw of the stage after a record, shape (d, m)."""
-        self.posterior = Remembered(self._posterior, _LARGE)
+        self.posterior = Remembered(self._posterior, _POSTERIORS)
         """What the draws of the stage after a record say of each answer."""
         # The certificate and the next proposal ask the same.
         self.explains = Remembered(lambda past: explains(past, self.posterior(past)))
         self.pool = Remembered(self._pool, 1)  # the latest one: it is large
         """Draws of the study after a record, which say what other answers would teach."""
-
-    def stage(self, history: History) -> Stage:
-        """Return what is known after a record, simulating what was not simulated yet."""
-        return self._whole(history.past)
-
-    def _judge(self, past: History) -> Stage:
-        """Return the stage after `past`, with the costs that are left out in memory."""
-        stage = self._stages(past)
-        if (whole := self._whole.known(past)) is not None:  # it was learned just now
-            return whole
-        with one_thread():
-            bank = self._simulate(stage.bank.z, stage.bank.thetas)
-            return self._stage(past, bank, stage.spread, stage.scale, stage.utilities)
-
-    def _light(self, past: History, stage: Stage) -> Stage:
-        """Return the stage without costs, which are remembered for a while."""
-        return replace(self._whole.keep(past, stage), costs=np.empty((0, len(stage.bank))))
 
     def worth_keeping(self, history: History) -> dict[bytes, KeptStage]:
         """Return the stages at hand that later ones, and the draws of all records, follow from."""
@@ -518,8 +500,8 @@ class Growth:
         recent = map(history.until, range(max(last - _RECALLED, 1), last + 1))
         found = dict[bytes, KeptStage]()
         for past in (*every_tenth(history), *recent):
-            if past in self._stages:
-                found[past.key] = KeptStage.of(self._stages(past))
+            if past in self.stage:
+                found[past.key] = KeptStage.of(self.stage(past))
             elif past.key in self._kept:  # nobody asked for it yet, but the next session may
                 found[past.key] = self._kept[past.key]
         return {key: kept for key, kept in found.items() if kept.names}
@@ -527,7 +509,7 @@ class Growth:
     def recall(self, kept: Mapping[bytes, KeptStage]) -> None:
         """Use what an earlier session learned, where record and simulated KPIs are still the same."""
         self._kept = kept
-        self._stages.recalled = lambda past: self._restore(past, kept[past.key]) if past.key in kept else None
+        self.stage.recalled = lambda past: self._restore(past, kept[past.key]) if past.key in kept else None
 
     def _restore(self, past: History, kept: KeptStage) -> Stage | None:
         with one_thread():
@@ -538,15 +520,14 @@ class Growth:
                 return None
             spread = np.frombuffer(kept.spread, dtype=np.int64)
             stage = self._stage(past, bank, spread, scale, utilities)
-            same = sha256(stage.bank.kpis.tobytes()).digest() == kept.kpis
-            return self._light(past, stage) if same else None
+            return stage if sha256(stage.bank.kpis.tobytes()).digest() == kept.kpis else None
 
     def _pool(self, history: History) -> DrawPool:
         stage, last = self.stage(history), history.answered
         given = [(History(), self._before(history, stage.scale))]
         for count in range(max(last - _RECALLED, 1), last):
             past = history.until(count)
-            earlier = self._stages(past)
+            earlier = self.stage(past)
             # A KPI that was the same everywhere came in later: draws without it say nothing of it.
             if earlier.scale.names == stage.scale.names:
                 given.append((past, earlier.utilities))
@@ -555,7 +536,7 @@ class Growth:
     def _before(self, history: History, scale: Scale) -> Utilities:
         """Return draws before any answer of this study, for the pool after `history`."""
         if self._taste:  # to learn it again would take a second
-            first = self._stages(History())
+            first = self.stage(History())
             if first.scale.names == scale.names:
                 return first.utilities
         return self._draw(scale, self._rng(history, _POOL))
@@ -632,7 +613,7 @@ class Growth:
             if past.answered == before.answered:  # follow-ups teach, but bring no new θ
                 bank = self._simulate(stage.bank.z, stage.bank.thetas)
                 utilities = self._learn(past, before, bank, stage.scale, stage.utilities)
-                return self._light(past, self._stage(past, bank, stage.spread, stage.scale, utilities))
+                return self._stage(past, bank, stage.spread, stage.scale, utilities)
             turn = past.answered - 1  # the first one is compared with nothing
             # Turn 0 is the bank before the first question, which `_first` has simulated.
             wide, near = self._plan[turn] if 0 < turn < len(self._plan) else (0, 0)
@@ -646,7 +627,7 @@ class Growth:
             utilities = self._learn(past, before, bank, scale, utilities)
             judges = _GUIDES if near else _JUDGES
             stage = self._stage(past, bank, spread, scale, utilities, judges)
-            return self._light(past, self._refine(past, stage, near))
+            return self._refine(past, stage, near)
 
     def _widen(self, stage: Stage, past: History, turn: int, wide: int) -> tuple[Bank, Int[np.ndarray, " r"]]:
         """Return the bank with the next `wide` θ of the design and all shown, and its design."""

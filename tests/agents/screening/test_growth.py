@@ -213,17 +213,6 @@ def test_a_stage_depends_on_the_record_alone_not_on_what_was_asked_before():
     assert not same(used.stage(record), used.stage(record.retracted(2)))
 
 
-def test_of_the_stages_in_memory_few_have_costs_and_the_others_find_the_same_ones_again(anew):
-    used = growth()
-    record = chain(used, [1, -1] * 6)
-    stages = [used.stage(record.until(count)) for count in range(14)]
-    learned = len(anew)
-    assert [len(used._stages(record.until(count)).costs) for count in range(14)] == [0] * 14
-    assert [record.until(count) in used._whole for count in range(14)] == [False] * 10 + [True] * 4
-    assert all(same(used.stage(record.until(count)), stage) for count, stage in enumerate(stages))
-    assert len(anew) == learned  # nothing is learned again for it
-
-
 def test_answers_to_follow_ups_teach_but_bring_no_new_theta():
     grown = growth()
     record = chain(grown, [1, 1, 1])
