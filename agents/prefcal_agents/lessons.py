@@ -262,7 +262,7 @@ Known = TypeVar("Known")
 
 @final
 class Remembered(Generic[Known]):
-    """A function of a record that remembers what it returned for the latest ones.
+    """A function of a record that remembers what it returned for those asked for last.
 
     Nothing of it has to be saved, and copies of an agent share it: memory only saves time.
 
@@ -278,6 +278,7 @@ class Remembered(Generic[Known]):
     def __call__(self, history: History, *given: Any) -> Known:
         """Return what the function returns for `history`."""
         with suppress(KeyError):  # another thread may drop it at any time
+            self._known.move_to_end(history.key)
             return self._known[history.key]
         known = self._known[history.key] = self._function(history, *given)
         while len(self._known) > self._most:
@@ -296,7 +297,9 @@ class Remembered(Generic[Known]):
         return history.key in self._known
 
     def known(self, history: History) -> Known | None:
-        """Return what is known of `history` if it is in memory."""
+        """Return what is known of `history` if it is in memory, where it stays longer then."""
+        with suppress(KeyError):
+            self._known.move_to_end(history.key)
         return self._known.get(history.key)
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from itertools import product
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -523,6 +524,7 @@ DRAWS = 1024
 """Number of draws that stand for what is known."""
 AFTER = 10
 """Number of answers before KPIs can be left; fewer say too little."""
+_AT_ONCE = 256  # number of draws that are worked out at a time: levels of a long study stay in the cache
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -608,9 +610,10 @@ class Lessons:
         See `Utilities.differences`.
         """
         found, counted = np.zeros((utilities.used, len(utilities), len(self))), utilities.counted
-        for part in utilities.parts:  # of a long study, all levels at once would be another 70 MB
-            level = utilities.level(self.logs, part)
-            found[part] = _subtract(level, self.better, self.worse, counted[part])
+        every = np.split(np.arange(len(utilities)), range(_AT_ONCE, len(utilities), _AT_ONCE))
+        for part, draws in product(utilities.parts, every):
+            level = utilities.level(self.logs, part, draws)
+            found[part, draws] = _subtract(level, self.better, self.worse, counted[part, draws])
         return found
 
 
@@ -621,20 +624,18 @@ class Posterior:
     Args:
         utilities: s draws.
         lessons: The answers.
-        apart: How much better one experiment of each answer is, see `Utilities.differences`, (c, s, a).
         logs: Logarithm of the probability of each answer, see `Utilities.log_answers`, shape (s, a).
     """
 
     utilities: Utilities
     lessons: Lessons
-    apart: Float[np.ndarray, "c s a"]
     logs: Float[np.ndarray, "s a"]
 
     @classmethod
     def of(cls, utilities: Utilities, lessons: Lessons) -> "Posterior":
         """Return what draws, which are given the answers already, say of them."""
-        apart = lessons.differences(utilities)
-        return cls(utilities, lessons, apart, utilities.log_answers(utilities.gain(apart), lessons.tie))
+        gain = utilities.gain(lessons.differences(utilities))
+        return cls(utilities, lessons, utilities.log_answers(gain, lessons.tie))
 
     def update(
         self, new: Lessons, scale: Scale, rng: np.random.Generator, mistakes: Mistakes = REAL
@@ -649,8 +650,8 @@ class Posterior:
         """
         before, kept = self.utilities, new.shared(self.lessons)
         fresh = new.take(np.arange(kept, len(new)))
-        apart = fresh.differences(before)
-        logs = np.hstack([self.logs[:, :kept], before.log_answers(before.gain(apart), fresh.tie)])
+        added = before.log_answers(before.gain(fresh.differences(before)), fresh.tie)
+        logs = np.hstack([self.logs[:, :kept], added])
         # Only the ratio: the draws already follow the old answers, which may change, too, when one is
         # retracted.
         gained = logs @ new.strength - self.logs @ self.lessons.strength
@@ -660,13 +661,7 @@ class Posterior:
         places = (rng.random() + np.arange(len(before))) / len(before) * shares[-1]
         rows = np.minimum(np.searchsorted(shares, places), len(before) - 1)
         rows = rng.permutation(rows)
-        logs = logs.take(rows, axis=0)
-        both, taken = np.empty((len(apart), *logs.shape)), np.empty(self.logs.shape)
-        for part, added in enumerate(apart):  # of a long study, all at once would be another 50 MB
-            self.apart[part].take(rows, axis=0, out=taken, mode="clip")  # "raise" would copy once more
-            both[part, :, :kept] = taken[:, :kept]
-            both[part, :, kept:] = added.take(rows, axis=0)
-        return _move(Posterior(before.take(rows), new, both, logs), scale, rng, mistakes)
+        return _move(Posterior(before.take(rows), new, logs.take(rows, axis=0)), scale, rng, mistakes)
 
 
 def learn(before: Utilities, lessons: Lessons, scale: Scale, rng: np.random.Generator) -> Utilities:
@@ -725,11 +720,12 @@ class _Told(NamedTuple):
 
 
 def _move(given: Posterior, scale: Scale, rng: np.random.Generator, mistakes: Mistakes) -> Posterior:
-    """Return the draws after Metropolis steps. Only what a step changes is computed again, in `given`.
+    """Return the draws after Metropolis steps. Only what a step changes is computed again.
 
     Of a long study, a step that a few answers refuse meets no other.
     """
-    utilities, logs, told = given.utilities, given.logs, _Told(given.lessons, given.apart)
+    utilities, logs = given.utilities, given.logs
+    told = _Told(given.lessons, given.lessons.differences(utilities))
     count, k = utilities.normals.shape
     stages = [told.worst(logs), told] if len(told.lessons) > 2 * _TELLING else [told]
     likely, weights = logs @ told.lessons.strength, utilities.weights

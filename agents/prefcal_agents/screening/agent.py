@@ -233,11 +233,11 @@ def _foretell(given: Posterior, draws: Utilities, history: History) -> tuple[flo
     every = slice(None, None, len(given.utilities) // len(draws))  # as `Utilities.some`
     logs = given.logs[every, :count]
     inverse = logsumexp(-logs, axis=0)
-    lost = slice(count - lost_since(history), count)
+    lost = np.arange(count - lost_since(history), count)
     # Importance weights of the posterior without each answer: 1 over the probability of that answer.
-    shares = np.exp(-logs[:, lost] - inverse[lost])
-    gain = draws.gain(given.apart[:, every, lost])
-    of_challenger = np.where(given.lessons.tie[lost], gain, -gain)  # where it did not win
+    shares, told = np.exp(-logs[:, lost] - inverse[lost]), given.lessons.take(lost)
+    gain = draws.gain(told.differences(draws))
+    of_challenger = np.where(told.tie, gain, -gain)  # where it did not win
     chance = np.sum(shares * notice_chance(of_challenger), axis=0)
     held = -np.log1p(-np.minimum(chance, _SURE)).sum()
     return float(held), float(np.mean(np.log(len(logs)) - inverse))

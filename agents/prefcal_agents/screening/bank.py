@@ -380,7 +380,7 @@ _LEARN = 0  # first stream of random numbers; the next ones place θ
 _CORRECT = 1000  # stream that draws how the plant differs from the simulation
 _TRAVELED = 0.5  # how much an answer of an earlier study counts, where one of this study counts 1
 _RECENT = 20  # number of answers of an earlier study that count, the latest ones
-_POSTERIORS = 3  # number of posteriors in memory, those of likely answers; in a long study each is 60 MB
+_POSTERIORS = 3  # number of posteriors in memory, those of likely answers; in a long study each is 8 MB
 _POOL, _RECALLED = 2000, 10
 """Stream of the pool's draws before any answer, and number of the latest answers it has draws of."""
 
@@ -485,7 +485,7 @@ class Growth:
         self.stage = Stages(self._first, self._follow)
         """What is known after a record, simulating what was not simulated yet."""
         self._kept: Mapping[bytes, KeptStage] = {}
-        self.worth = Remembered(lambda past: worth(self.stage(past).costs), _POSTERIORS)
+        self.worth = Remembered(lambda past: worth(self.stage(past).costs), 1)
         """Worth of each θ in each draw of the stage after a record, shape (d, m)."""
         self.posterior = Remembered(self._posterior, _POSTERIORS)
         """What the draws of the stage after a record say of each answer."""

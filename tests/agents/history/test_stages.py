@@ -111,6 +111,16 @@ def test_a_function_of_a_record_is_computed_once_for_each_of_the_latest_records(
     assert remembered(line(3)) == 3
 
 
+def test_what_is_asked_for_again_stays_while_others_are_forgotten():
+    remembered = Remembered(lambda record: record.answered, 2)
+    for ask in (remembered, remembered.known):
+        for count in (3, 4):
+            remembered(line(count))
+        ask(line(3))
+        remembered.keep(line(5), 5)
+        assert [line(count) in remembered for count in (3, 4, 5)] == [True, False, True]
+
+
 def test_that_nothing_is_known_is_remembered_too():
     asked = []
     remembered = Remembered(asked.append)

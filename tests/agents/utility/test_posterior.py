@@ -210,8 +210,17 @@ def test_what_is_carried_on_says_of_each_answer_what_is_worked_out_anew(undone):
     anew = Posterior.of(after.utilities, lessons(record))
     for carried, worked_out in ((given, again), (after, anew)):
         assert np.array_equal(carried.logs, worked_out.logs)
-        assert np.array_equal(carried.apart, worked_out.apart)
+        assert carried.logs.shape == (DRAWS, len(carried.lessons))
     assert len(after.lessons) == 8 - len(undone)
+
+
+def test_an_update_works_out_old_answers_of_the_draws_it_moves_and_new_ones_of_those_before(monkeypatch):
+    pairs, counted = pairs_of(8), []
+    given = Posterior.of(prior(), lessons(of_pairs(BANK, pairs[:6], sure(pairs)[:6])))
+    of = Lessons.differences
+    monkeypatch.setattr(Lessons, "differences", lambda t, u: (counted.append(len(t) * len(u)), of(t, u))[1])
+    given.update(lessons(of_pairs(BANK, pairs, sure(pairs))), SCALE, np.random.default_rng(5))
+    assert sum(counted) == (2 + 8) * DRAWS
 
 
 def test_answers_are_shared_up_to_the_first_that_is_another_one():
