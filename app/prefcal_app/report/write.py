@@ -158,7 +158,7 @@ def answers(record: StudyRecord) -> Answers:
         f"{counted(record.questions, 'comparison')} by {by}{each}{partial}.{digest}",
         "On which model": model(record),
         "Experiment": _shorten_brief(record.scenario.brief),
-        "Left to gain": f"{promise} {record.trust}".strip()
+        "Left to gain": " ".join(filter(None, (promise, record.trust, said.ends if said else "")))
         if promise
         else f"Not stated: {'the study was left before its end' if record.partial else only}.",
         "Why this one": " ".join(

@@ -278,8 +278,8 @@ def _perturbed(scenario: Scenario) -> str:
         return "They vary what prefcal verify varies." if breakable(scenario.kpis) else plant
     own, others = ([f.name for f in each] for each in robustly(factors, scenario.kpis))
     if breakable(scenario.kpis):
-        but = f", but not {' or '.join(others)}" if others else ""
-        return f"They vary what prefcal verify varies{but}."
+        but = f", without {' and '.join(others)}" if others else ""
+        return f"They are other draws of what prefcal verify varies{but}."
     and_more = f"; prefcal verify also varies {join_words(others)}" if others else ""
     return f"They vary {join_words([*own, 'the seed of the noise'])}{and_more}."
 

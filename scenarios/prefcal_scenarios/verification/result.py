@@ -47,6 +47,7 @@ from .loop_margins import USUAL, kept_margin, remaining, usual_margins
 # --- What came of a verification, as frozen data, and what follows from it.
 
 CONFIDENCE = 0.95
+_FEW = 2  # number of limits that are named beside the count of runs, where few fail
 _LOUD = 5.0  # times that a sensor makes a KPI as bad, from which on it is said beside the verdict
 _MUCH = 0.1  # share of the room to a limit from which on a factor is told to use it
 CHANCE = 5  # runs that a relaxed limit must gain: fewer can as well be chance, 1/2 to the power of 5 is 3 %
@@ -256,9 +257,8 @@ class Verification:
         own, count, loop = self.tuning.nominal, len(self.runs), self.tuning.margins
         unsafe = sum(run.end is End.UNSAFE for run in self.runs)
         ended = f"; {unsafe} end unsafe" if unsafe else ""
-        held = (
-            f"{count - len(self.failed)} of {count} runs {self.asked}{ended}{self._where}." if count else ""
-        )
+        kept = f"{count - len(self.failed)} of {count} runs {self.asked}{self._few}"
+        held = f"{kept}{ended}{self._where}." if count else ""
         if self.failed:
             where = f" beyond {self.stated}" if self.holds_as_stated else ", not even nominally"
             said = f"Does not hold{where if self.holds_as_stated or own.problems else ''}: {held}"
@@ -280,6 +280,17 @@ class Verification:
         usual = f" Usual limits: {usual}." if usual and count else ""
         known = "nominal loop is not stable" in said  # nothing else can be said of margins then
         return f"{self._narrower}{said}{usual}{'' if known else f' {self.margin_verdict}'}".rstrip()
+
+    @property
+    def _few(self) -> str:
+        """Return what is missed where few runs fail, which is another finding than if many do."""
+        few = 0 < len(self.failed) < min(CHANCE, len(self.runs) / 2) and len(self._missing) <= _FEW
+        if not few or self.tuning.nominal.problems:
+            return ""
+        said = (self._missed(k, runs[0]) for p, runs in self._missing.items() if (k := self._kpi_of(p)))
+        words = "; ".join(said)
+        which = "the other" if len(self.failed) == 1 else "the others, at worst"
+        return f" ({which}: {words})" if words else ""
 
     @property
     def _narrower(self) -> str:
@@ -599,13 +610,13 @@ class Verification:
         return tuple(each.factor.name for each in self.effects if np.isinf(each.worsening))
 
     def worst(self, count: int = 3) -> tuple[VerifiedRun, ...]:
-        """Return the worst random runs: those farthest beyond each limit, then by how many they lose."""
+        """Return the worst random runs: those farthest beyond each limit first, by how far that is."""
         farthest = [runs[0] for runs in self._missing.values()]
 
-        def badness(run: VerifiedRun) -> tuple[bool, bool, int, float, float]:
+        def badness(run: VerifiedRun) -> tuple[bool, bool, float, int, float]:
             first = any(run is each for each in farthest)
             worse = max((share for share, *_ in self._worse(run)), default=0.0)
-            return first, run.end.interrupted, len(run.problems), self.beyond(run), worse
+            return first, run.end.interrupted, self.beyond(run), len(run.problems), worse
 
         return tuple(sorted(self.runs, key=badness, reverse=True)[:count])
 

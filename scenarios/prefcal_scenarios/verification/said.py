@@ -285,7 +285,8 @@ def _next(found: Verification, scenario: Scenario, baseline: str, again: str) ->
     if not found.failed:
         return widen
     alone = f"if nothing but {found.stated} counts, verify that alone, with --range task=0"
-    every = (before, other, found.limiting, alone if found.holds_as_stated else "", *widen)
+    chance = _decide(found) if other and len(found.failed) < CHANCE else ""
+    every = (before, chance, other, found.limiting, alone if found.holds_as_stated else "", *widen)
     if before or other:  # where a better tuning is known, no limit has to go
         return tuple(filter(None, every))
     left = "" if found.holds_as_stated else _nothing_else(found)
@@ -352,24 +353,29 @@ def _other(found: Verification, scenario: Scenario, baseline: str, again: str) -
         return ""
     names = [name for name, theta in scenario.references.items() if np.array_equal(theta, best.theta)]
     which = f"the tuning {names[0]}" if names else "a tuning that was tried"
+    chosen = "" if names else "; these runs chose it, so fewer may hold on other plants"
     known = f", {_name_before(baseline)} in {old}{perhaps}" if before else perhaps
     return (
         f"{which} holds in {held} of the same {count} runs, this one in {count_kept(found.runs)}{known}"
-        f"{_nominal_changes(found, best)}. To compare it, search on and keep what you like, "
+        f"{_nominal_changes(found, best)}{chosen}. To compare it, search on and keep what you like, "
         f"{again} {shlex.join(['--start', typed_theta(scenario.space, best.theta.tolist())])}"
     )
 
 
 def _nominal_changes(found: Verification, other: Robustness) -> str:
     """Return which KPIs another tuning changes nominally, and how, after a semicolon; "" if none."""
-    said = list[str]()
+    said, limited = list[str](), list[str]()
     for kpi in (kpi for kpi in found.kpis if kpi.goal or kpi.met(0.0) is not None):
         both = [each.nominal.kpis.get(kpi.name, np.nan) for each in (found.tuning, other)]
         if np.isnan(both).any():
             continue
         here, there = (read_text(kpi, v, found.tuning.time_unit) for v in comparable(kpi, both))
-        said += [f"{kpi.title} {here} → {with_unit(there, kpi.unit)}"] if here != there else []
-    return f"; nominally {', '.join(said[:_SHOWN])}" if said else ""
+        words = f"{kpi.title} {here} → {with_unit(there, kpi.unit)}"
+        if here != there and kpi.met(0.0) is not None:  # what has a limit is said, however many there are
+            limited.append(f"{words} (required {limits_text(kpi)})")
+        elif here != there and len(said) < _SHOWN:
+            said.append(words)
+    return f"; nominally {', '.join([*limited, *said])}" if said or limited else ""
 
 
 def _ways(found: Verification) -> list[str]:
@@ -379,13 +385,18 @@ def _ways(found: Verification) -> list[str]:
     return ways + ["relax a limit"] * bool(found.advice)
 
 
+def _decide(found: Verification) -> str:
+    """Return that a person has to decide, where so few runs fail that a better tuning can be chance."""
+    return f"decide whether {len(found.failed)} of {len(found.runs)} may fail"
+
+
 def _nothing_else(found: Verification) -> str:
     """Return what is left to change, since none of the tunings that were tried holds in more runs."""
     if (tried := found.others) is None:
         return ""
     due = f"{change}: " if (change := " or ".join(_ways(found))) else ""
     if len(found.failed) < CHANCE and tried.best is not None:  # no reason for another controller
-        due = f"decide whether {len(found.failed)} of {len(found.runs)} may fail: "
+        due = f"{_decide(found)}: "
     if tried.best is None:
         what = "is stable" if tried.able else "does even nominally what is asked"
         none = f"of {tried.count} other tunings that were tried, none {what}"

@@ -246,7 +246,8 @@ def test_beside_some_failed_runs_stands_what_to_do_next():
     (other,) = Verified.of(new, replace(SPRING, simulated=True), "", "1.0", "").advice
     assert other == (
         f"a tuning that was tried holds in 200 of the same 200 runs, this one in {200 - len(found.failed)}; "
-        f"nominally weight 2 → {gain:.3g}. To compare it, search on and keep what you like, "
+        f"nominally weight 2 → {gain:.3g} (required ≤ 2.1); these runs chose it, so fewer may hold on "
+        "other plants. To compare it, search on and keep what you like, "
         "repeat the command of the study with --robust --n-max 5 "
         f"--start gain={gain:.6g}"
     )
@@ -300,6 +301,18 @@ def test_a_tuning_before_that_holds_on_more_of_the_same_plants_is_kept_only_beyo
         (other, *_) = Verified.of(replace(near, before=None), scenario, "", "1.0", "").advice
         assert other.startswith("a tuning that was tried holds in") == better
         assert other.endswith(" --start gain=2") == better
+    # One that holds in all is named beyond fewer failures, too: then a person decides whether they matter.
+    all_hold = replace(
+        found.before,
+        theta=np.array([1.5]),
+        runs=tuple(replace(each, problems=()) for each in found.before.runs),
+    )
+    one = replace(near.tuning, runs=(*all_hold.runs[:-1], found.failed[0]))
+    near = replace(near, tuning=one, before=None)
+    near = replace(near, others=replace(others, best=all_hold))
+    decide, other, *_ = Verified.of(near, scenario, "", "1.0", "").advice
+    assert decide == "decide whether 1 of 100 may fail"
+    assert other.startswith("a tuning that was tried holds in 100 of the same 100 runs, this one in 99 (the ")
     nominal = replace(found.before.nominal, problems=("weight misses its objective",))
     worse = replace(found, before=replace(found.before, nominal=nominal))
     assert (
@@ -1112,6 +1125,13 @@ def test_no_limit_is_relaxed_for_what_can_as_well_be_chance():
     for count, advised in ((4, False), (5, True)):
         few = replace(found, tuning=replace(found.tuning, runs=(*good, *found.failed[:count])))
         assert bool(few.advice) is advised
+        # Few failures are another finding than many, so the headline says what they miss.
+        worst = max(run.kpis["weight"] for run in found.failed[:count])
+        named = f"stated limits (the others, at worst: weight {worst:.3g}, required ≤ 2.1)"
+        assert (named in few.headline) is not advised
+    one = replace(found, tuning=replace(found.tuning, runs=(*good, found.failed[0])))
+    alone = f"stated limits (the other: weight {found.failed[0].kpis['weight']:.3g}, required ≤ 2.1)"
+    assert alone in one.headline
     other = verify(SPRING, THETA, 200, seed=1, jobs=1)
     assert {run.seed for run in found.runs}.isdisjoint(run.seed for run in other.runs)
     assert "verify it on other ones: prefcal verify best.json --seed 2 --limit 'weight <= " in other.advice[0]
