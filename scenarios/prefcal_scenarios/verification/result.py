@@ -138,6 +138,7 @@ class Verification:
         alone: Runs of the tuning with the lowest and the highest value of each factor, in pairs.
         others: How other tunings fare; None if they were not tried: all runs are good, some are missing,
             the tuning before holds in all, or a run is no simulation.
+        stopped: Whether Ctrl-C ended the search for other tunings, so that there may be a better one.
         as_stated: Random runs again with the task as stated: the first that failed and, if all of these
             hold there, all. Empty if no run failed, or nothing of the task varied that nobody stated, or the
             tuning does not even hold nominally.
@@ -158,6 +159,7 @@ class Verification:
     before: Robustness | None
     alone: tuple[VerifiedRun, ...]
     others: Others | None = None
+    stopped: bool = False
     as_stated: tuple[VerifiedRun, ...] = ()
     unheld: tuple[VerifiedRun, ...] = ()
     inputs: tuple[Channel, ...] = ()

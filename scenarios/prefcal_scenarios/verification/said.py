@@ -45,6 +45,7 @@ REFUSED = "not acceptable"
 """Verdict of a person on a worst run that speaks against the tuning."""
 REPEAT = "repeat the command of the study with --robust --n-max 5"
 """How to compare another tuning, up to the options that name it, if no command is known."""
+_STOPPED = "verify again: the search for a tuning that holds in more runs was stopped before its end"
 NEVER_USED = ("first experiment", "result of ")
 """Begins of the names of a first experiment that nobody gave as what is in use."""
 _NAMED = 8  # number of values of a run that are named
@@ -289,6 +290,8 @@ def _next(found: Verification, scenario: Scenario, baseline: str, again: str) ->
     every = (before, chance, other, found.limiting, alone if found.holds_as_stated else "", *widen)
     if before or other:  # where a better tuning is known, no limit has to go
         return tuple(filter(None, every))
+    if found.stopped:  # a limit is relaxed only where no tuning that was tried holds in more
+        return (*filter(None, every), _STOPPED)
     left = "" if found.holds_as_stated else _nothing_else(found)
     return (*filter(None, (*every, left)), *found.advice)
 

@@ -596,10 +596,12 @@ def _look_further(trials: _Trials) -> Verification:
     verified, before = trials.verified, trials.verified.before
     # Nothing holds in more runs than all: then the tuning before is advised, and no other is looked for.
     taken = before and before.holds(len(verified.runs)) and replace(verified, tuning=before).sound
-    with suppress(_Stopped):
+    try:
         verified = replace(verified, as_stated=_as_stated(trials) if verified.failed else ())
         if verified.failed and trials.scenario.simulated and not taken:
             verified = replace(verified, others=_try_others(trials))
+    except _Stopped:
+        verified = replace(verified, stopped=True)
     return verified
 
 
