@@ -219,25 +219,29 @@ class ScaledPlant:
 
     def f(self, x: X, u: U, d: D) -> X:
         """Return the state derivative."""
-        return self.speed * self.plant.f(x, self.gains * u + self.offset, d)
+        return self.speed * self.plant.f(x, self.acting(u), d)
 
     def g(self, x: X, u: U, d: D) -> Y:
         """Return the outputs."""
-        return self.plant.g(x, self.gains * u + self.offset, d)
+        return self.plant.g(x, self.acting(u), d)
 
     def entries(self, x: X, u: U, d: D) -> Float[np.ndarray, "n_y n"]:
         """Return what each input adds to the outputs, if the plant can tell."""
-        found: np.ndarray = self.plant.entries(x, self.gains * u + self.offset, d)  # type: ignore[attr-defined]
+        found: np.ndarray = self.plant.entries(x, self.acting(u), d)  # type: ignore[attr-defined]
         return found
 
     def jacobians(self, x: X, u: U, d: D) -> Jacobians:
         """Return the derivatives."""
-        J = self.plant.jacobians(x, self.gains * u + self.offset, d)
+        J = self.plant.jacobians(x, self.acting(u), d)
         return Jacobians(self.speed * J.A, self.speed * J.B * self.gains, J.C, J.D * self.gains)
 
     def hold(self, x: X, u: U, d: D, times: Times) -> States:
         """Return the states at `times`."""
-        return self.plant.hold(x, self.gains * u + self.offset, d, np.asarray(times) * self.speed)
+        return self.plant.hold(x, self.acting(u), d, np.asarray(times) * self.speed)
+
+    def acting(self, u: U) -> U:
+        """Return what the inputs `u` do to the plant, as inputs of the plant without this gain."""
+        return np.asarray(self.gains * u + self.offset)
 
 
 def _centers(plant: Plant) -> Float[np.ndarray, " n_u"]:

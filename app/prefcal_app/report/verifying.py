@@ -71,8 +71,8 @@ def verify_best(
     tuning = _verifiable(best)
     if tuning.own and timeout is None:
         timeout = DEFAULT_LIMIT
-    runs, limits, ranges, seed = _asked(best.parent, runs, limits, ranges, seed)
-    tuning, own = _limited(tuning, limits, timeout), tuning.scenario.kpis
+    runs, limits, ranges, seed = _fill_in(best.parent, runs, limits, ranges, seed)
+    tuning, own = _add_limits(tuning, limits, timeout), tuning.scenario.kpis
     if tuning.scenario.source.asks:
         found = unvaried(tuning.scenario, tuning.theta, tuning)
     else:
@@ -98,7 +98,7 @@ def verify_best(
     return said
 
 
-def _asked(
+def _fill_in(
     folder: Path, runs: int | None, limits: Sequence[str] | None, ranges: Ranges | None, seed: int | None
 ) -> tuple[int, tuple[str, ...], Ranges, int]:
     """Return what is asked of a verification: what is None as in the one in a folder, else as usual."""
@@ -125,7 +125,7 @@ def _verifiable(best: Path) -> BestTuning:
     return tuning
 
 
-def _limited(tuning: BestTuning, limits: Sequence[str], timeout: float | None) -> BestTuning:
+def _add_limits(tuning: BestTuning, limits: Sequence[str], timeout: float | None) -> BestTuning:
     """Return the tuning with further limits of KPIs, which one more run finds if the scenario states none."""
     scenario = tuning.scenario
     if limits and finds_kpis(scenario) and not scenario.source.asks:
@@ -136,7 +136,7 @@ def _limited(tuning: BestTuning, limits: Sequence[str], timeout: float | None) -
 
 def _options_of(runs: int, ranges: Ranges) -> list[str]:
     """Return the words that verify by as many runs with the same ranges."""
-    changes = (f"{name}={_typed(change)}" for name, change in ranges.items())
+    changes = (f"{name}={_type_range(change)}" for name, change in ranges.items())
     return [*(("--runs", str(runs)) if runs != RUNS else ()), *_options("--range", changes)]
 
 
@@ -144,7 +144,7 @@ def _options(flag: str, values: Iterable[str]) -> list[str]:
     return [word for value in values for word in (flag, value)]
 
 
-def _typed(change: float | Sequence[float]) -> str:
+def _type_range(change: float | Sequence[float]) -> str:
     ends = [change] if isinstance(change, float | int) else change
     return ":".join(repr(float(end)).removesuffix(".0") for end in ends)
 
@@ -178,7 +178,9 @@ def _put_in_words(
         first = f"; first state {'; '.join(limits)} in the KPIs of your file"
         said = replace(said, advice=tuple(f"{a}{first}" if again in a else a for a in said.advice))
     changed = "Of the plant as its files are now, not as in the study. " if tuning.changed else ""
-    return replace(said, headline=f"{changed}{said.headline}", worst=_judged(said.worst, best.parent), at=at)
+    return replace(
+        said, headline=f"{changed}{said.headline}", worst=_copy_verdicts(said.worst, best.parent), at=at
+    )
 
 
 def _offering(
@@ -259,7 +261,7 @@ def _keep(said: Verified, found: Verification, tuning: BestTuning, best: Path, t
     refresh(best.parent)
 
 
-def _judged(worst: Sequence[WorstRun], folder: Path) -> tuple[WorstRun, ...]:
+def _copy_verdicts(worst: Sequence[WorstRun], folder: Path) -> tuple[WorstRun, ...]:
     """Return runs with the verdicts that the verification in a folder has on the same ones."""
     before = _there(folder)
     given = [] if before is None else [(replace(run, verdict=""), run.verdict) for run in before.worst]

@@ -18,6 +18,7 @@ from .why import as_shown as as_shown
 from .why import at_stake as at_stake
 from .why import carried_by as carried_by
 from .why import menu_names as menu_names
+from .why import name_wishes as name_wishes
 from .why import named_titles as named_titles
 from .why import offer as offer
 from .why import promise as promise
@@ -25,5 +26,4 @@ from .why import rival as rival
 from .why import robust as robust
 from .why import robust_study as robust_study
 from .why import told as told
-from .why import wanted as wanted
 from .why import why as why

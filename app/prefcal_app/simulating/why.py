@@ -374,7 +374,7 @@ def _dearer(ours: float, theirs: float) -> float:
     return 1.0 if isinf(ours) else (ours - theirs) / max(abs(ours), abs(theirs))
 
 
-def wanted(found: Findings, scenario: Scenario, index: LearnedCost | None) -> str:
+def name_wishes(found: Findings, scenario: Scenario, index: LearnedCost | None) -> str:
     """Return what the answers fit, with its certainty, as one sentence; empty if nothing is sure.
 
     A certainty is that of people who go by KPIs, so it is only said if answers are predicted from them:
@@ -413,14 +413,15 @@ def robust_study(
     """
     if found is not None and found.over and found.robustness is not None:
         return tuple(robust(found.robustness, scenario, nominal))
-    known = {} if counts is None else counts
-    kept = known.get(-1 if best is None else best) if found is None else found.kept
+    last = {} if counts is None or found is not None else counts
+    known = next((count for index, count in last.items() if index == best), None)
+    kept = known if found is None else found.kept
     if kept is None:
         return (f"Whether the result holds in {ENOUGH} {_runs(scenario)} was not worked out.",)
     more = [
         f"Experiment {index + 1} does so in {count}: the study was left before it chose between them by that."
-        for index, count in known.items()
-        if found is None and count > kept
+        for index, count in last.items()
+        if count > kept
     ]
     return _held(kept, "The result", scenario, nominal), *more, _perturbed(scenario)
 
@@ -435,14 +436,15 @@ def told(
 ) -> tuple[str, ...]:
     """Return how the result holds, what was wanted, what it rests on, and what need not change.
 
-    Empty while not known. `run` returns an experiment by its index; for the others see `wanted` and `robust`.
+    Empty while not known. `run` returns an experiment by its index; for the others see `name_wishes` and
+    `robust`.
     """
     if not found.concluded:
         return ()
     said = () if found.robustness is None else tuple(robust(found.robustness, scenario, nominal))
     if found.explained:
         said += (
-            wanted(found, scenario, index),
+            name_wishes(found, scenario, index),
             carried_by(found.decisive),
             rival(found, scenario, run),
             kept(found.smaller, scenario),
@@ -463,7 +465,7 @@ def promise(found: Findings) -> str:
     if chance is None:
         return ""
     if said is not None and not said.explained:
-        why = "what the others teach of the KPIs predicts each answer no better than chance"
+        why = "what was learned from the other answers predicts each one no better than chance"
         if said.by_knobs:
             why = "the values of the knobs predict the answers better than the KPIs do"
         return f"How much is left to gain is not said: {why}."

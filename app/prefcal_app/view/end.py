@@ -23,11 +23,11 @@ from prefcal_app.simulating import (
     at_stake,
     carried_by,
     menu_names,
+    name_wishes,
     named_titles,
     offer,
     rival,
     robust,
-    wanted,
     why,
 )
 from prefcal_app.summary import (
@@ -357,7 +357,7 @@ def reasons(interview: Interview) -> list[str]:
     if found is not None and found.concluded and found.explained:
         scenario, run = interview.scenario, interview.past.experiment
         said += [
-            wanted(found, scenario, interview.known.index),
+            name_wishes(found, scenario, interview.known.index),
             carried_by(found.decisive),
             rival(found, scenario, run),
         ]

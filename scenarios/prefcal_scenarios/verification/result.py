@@ -221,6 +221,12 @@ class Verification:
         return self.sound and not self.failed if self.runs and breakable(self.kpis) else None
 
     @property
+    def before_holds(self) -> bool:
+        """Return whether the tuning before keeps all that is stated, in all runs: nothing holds in more."""
+        old = self.before
+        return old is not None and old.holds(len(self.runs)) and replace(self, tuning=old).sound
+
+    @property
     def keeps_margins(self) -> bool | None:
         """Return whether the nominal loop keeps the stated limits on margins; None without any."""
         limited = any(k.margin and k.met(0.0) is not None for k in self.kpis)

@@ -286,7 +286,7 @@ def _next(found: Verification, scenario: Scenario, baseline: str, again: str) ->
     if not found.failed:
         return widen
     alone = f"if nothing but {found.stated} counts, verify that alone, with --range task=0"
-    chance = _decide(found) if other and len(found.failed) < CHANCE else ""
+    chance = _leave_to_a_person(found) if other and len(found.failed) < CHANCE else ""
     every = (before, chance, other, found.limiting, alone if found.holds_as_stated else "", *widen)
     if before or other:  # where a better tuning is known, no limit has to go
         return tuple(filter(None, every))
@@ -307,7 +307,7 @@ def _before(found: Verification, scenario: Scenario, baseline: str, *, alone: bo
     # What was in use stands in the plant; of anything else, no file tells the values.
     which = baseline if used else typed_theta(scenario.space, found.before.theta.tolist())
     name = f"{_name_before(baseline)} ({which})"
-    if found.before.holds(len(found.runs)) and replace(found, tuning=found.before).sound:
+    if found.before_holds:
         holds = f"it holds in all {len(runs)} of the same runs"
         poor = has_poor_margins(found.before.margins)
         return f"look at {name}: {holds}, but its nominal loop {poor}" if poor else f"take {name}: {holds}"
@@ -388,7 +388,7 @@ def _ways(found: Verification) -> list[str]:
     return ways + ["relax a limit"] * bool(found.advice)
 
 
-def _decide(found: Verification) -> str:
+def _leave_to_a_person(found: Verification) -> str:
     """Return that a person has to decide, where so few runs fail that a better tuning can be chance."""
     return f"decide whether {len(found.failed)} of {len(found.runs)} may fail"
 
@@ -399,7 +399,7 @@ def _nothing_else(found: Verification) -> str:
         return ""
     due = f"{change}: " if (change := " or ".join(_ways(found))) else ""
     if len(found.failed) < CHANCE and tried.best is not None:  # no reason for another controller
-        due = f"{_decide(found)}: "
+        due = f"{_leave_to_a_person(found)}: "
     if tried.best is None:
         what = "is stable" if tried.able else "does even nominally what is asked"
         none = f"of {tried.count} other tunings that were tried, none {what}"

@@ -593,15 +593,15 @@ class _Trials:
 
 def _look_further(trials: _Trials) -> Verification:
     """Return a verification with what the task as stated and other tunings do, if some run fails."""
-    verified, before = trials.verified, trials.verified.before
-    # Nothing holds in more runs than all: then the tuning before is advised, and no other is looked for.
-    taken = before and before.holds(len(verified.runs)) and replace(verified, tuning=before).sound
+    verified = trials.verified
+    # Where the tuning before holds in all runs, it is advised, and no other is looked for.
+    searches = bool(verified.failed) and trials.scenario.simulated and not verified.before_holds
     try:
         verified = replace(verified, as_stated=_as_stated(trials) if verified.failed else ())
-        if verified.failed and trials.scenario.simulated and not taken:
+        if searches:
             verified = replace(verified, others=_try_others(trials))
     except _Stopped:
-        verified = replace(verified, stopped=True)
+        verified = replace(verified, stopped=searches)
     return verified
 
 

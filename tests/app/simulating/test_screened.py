@@ -422,7 +422,7 @@ def test_where_answers_do_not_follow_from_the_kpis_it_says_no_number():
     said = "How much is left to gain is not said: "
     for by_knobs, reason in (
         (True, "the values of the knobs predict the answers better than the KPIs do."),
-        (False, "what the others teach of the KPIs predicts each answer no better than chance."),
+        (False, "what was learned from the other answers predicts each one no better than chance."),
     ):
         found = certified(replace(CERTIFIED, share=None, chance=None, by_knobs=by_knobs))
         assert promise(found) == said + reason

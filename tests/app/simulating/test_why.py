@@ -10,8 +10,8 @@ from prefcal_agents.learned_cost import LearnedCost
 from prefcal_agents.result import Influence, SmallerChange
 from prefcal_agents.screening.findings import Alternative, Findings, Reason
 from prefcal_app.session.study import trust_text
-from prefcal_app.simulating import as_shown, at_stake, carried_by, menu_names, rival, wanted, why
-from prefcal_app.simulating.why import kept
+from prefcal_app.simulating import as_shown, at_stake, carried_by, menu_names, rival, why
+from prefcal_app.simulating.why import kept, name_wishes
 from prefcal_scenarios import load
 from prefcal_scenarios.scenario import KPI
 from support.looks import toy
@@ -167,17 +167,17 @@ def test_what_was_wanted_is_said_with_its_certainty_and_without_a_limit(wishes, 
     scenario = SimpleNamespace(kpis=(*toy.kpis, margin))
     index = LearnedCost({}, predicted=9, answers=9)
     found = Findings(over=True, simulated=9, wishes=tuple(wishes.items()))
-    assert wanted(found, scenario, index) == f"The answers fit these wishes: {words}."
+    assert name_wishes(found, scenario, index) == f"The answers fit these wishes: {words}."
     nothing = Findings(over=True, simulated=9)
-    assert wanted(nothing, scenario, index) == wanted(nothing, scenario, None) == ""
+    assert name_wishes(nothing, scenario, index) == name_wishes(nothing, scenario, None) == ""
     # "Above 99 %" from four answers stood beside "3 of 4, which is not clearly better than chance".
     poor = replace(index, predicted=3, answers=4)
     assert trust_text(poor).startswith("A weighted sum of the KPIs predicted 3 of 4 answers that it had not")
-    assert wanted(found, scenario, poor) == (
+    assert name_wishes(found, scenario, poor) == (
         "Which KPIs decided the answers is not said: of the 4 that prefer a side, 3 could be predicted from "
         "the KPIs and the other answers, and guessing may do as well."
     )
-    assert wanted(found, scenario, None) == "The answers are too few to say which KPIs decided them."
+    assert name_wishes(found, scenario, None) == "The answers are too few to say which KPIs decided them."
 
 
 def test_what_was_noticed_only_beyond_a_stated_limit_is_said_as_the_limit():
@@ -186,4 +186,4 @@ def test_what_was_noticed_only_beyond_a_stated_limit_is_said_as_the_limit():
     index = LearnedCost({}, predicted=9, answers=9)
     found = Findings(over=True, simulated=9, wishes=(("t_f", 0.9),), bounds=(("margin", 0.98),))
     said = "The answers fit these wishes: lower settling time t_f (90 %) and stability margin ≥ 6 dB (98 %)."
-    assert wanted(found, scenario, index) == said
+    assert name_wishes(found, scenario, index) == said

@@ -849,6 +849,9 @@ def test_ctrl_c_while_failed_runs_run_again_starts_no_other_ones(count):
     advice = Verified.of(found, tracking, "", "1.0", "").advice
     assert advice[-1].startswith("verify again: the search for a tuning that holds in more runs was stopped")
     assert not any(each.startswith("relax") for each in advice)
+    counts.clear()
+    alone = verify(replace(tracking, simulated=False), THETA, 100, jobs=1, progress=stop)
+    assert not alone.stopped, "of a plant that is not simulated, no other tuning is looked for"
 
 
 def test_ctrl_c_after_the_last_run_adds_none():
