@@ -141,15 +141,16 @@ def _of_the_road() -> Iterator[Kernel]:
     yield _kernel("distance off the road", scene.outsides, "matrix, UniTuple(f8, 2)")
 
 
-def of_linear_runs() -> Iterator[Kernel]:
-    """Yield what runs a linear plant that PIDs control."""
-    from .envs._linear_run import run
+def of_compiled_runs() -> Iterator[Kernel]:
+    """Yield what runs a plant that PIDs control."""
+    from .envs._compiled_run import run
 
     numbers, room = "i8[::1]", "Tuple((vector, matrix, matrix, i8[::1], i8[::1]))"
     yield _kernel(
         "closed loop",
         run,
-        "Tuple((matrix, f8, f8)), UniTuple(matrix, 3), Tuple((vector, f8)), UniTuple(matrix, 3), "
+        "Tuple((Tuple((matrix, f8, f8)), Tuple((i8, i8, UniTuple(f8, 2), vector, vector, vector)), "
+        "UniTuple(matrix, 3), matrix)), Tuple((vector, f8)), UniTuple(matrix, 2), "
         "Tuple((vector, vector, vector, b1)), UniTuple(vector, 3), Tuple((f8, UniTuple(f8, 3))), "
         "Tuple((matrix, i8[:,::1], matrix)), UniTuple(vector, 4), "
         f"Tuple((Tuple(({numbers}, cube, {numbers})), Tuple((vector, matrix, {numbers})), {room})), "

@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium.utils.seeding import np_random
 from jaxtyping import Bool, Float
 
-from prefcal_env.errors import ExperimentError, ScenarioError, SettingsError
+from prefcal_env.errors import ExperimentError, PlantError, ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import (
     Channels,
     Controller,
@@ -22,27 +22,30 @@ from prefcal_env.experiments.experiment import (
     Move,
     Record,
 )
+from prefcal_env.plants.function_plant import FunctionPlant
 from prefcal_env.plants.jacobians import U, Y
-from prefcal_env.plants.plant import Disturbed
+from prefcal_env.plants.plant import Callbacks, Disturbed
 from prefcal_env.plants.systems import LinearPlant
 from prefcal_env.sources.source import Function, Source, Varied
 from prefcal_env.wording import brief, place_in_code
 
 from .plant_env import LITTLE, STRAIGHT, SUDDEN, PlantEnv, check_rate, dead_times, delays_of
 from .task import Signal, StepSignal, Task, never
-from .varied_loop import STEP, Moves, VariedLoop, Worn, moves_of
+from .varied_loop import STEP, Moves, ScaledPlant, VariedLoop, Worn, moves_of
 
-# --- Run a linear plant that PIDs control in a compiled episode: as `rollout`, many times faster.
+# --- Run what PIDs control in a compiled episode: as `rollout`, many times faster.
 
 Matrix = Float[np.ndarray, "_ _"]
 _LARGE = 100  # states, above which the matrices that an episode keeps take more memory than they save time
 _LONGEST = 1e6  # sampling times of an episode or a dead time, up to which compiled lengths are exact
 
 
-def linear_run(env: Any, controller: Any, seed: int) -> tuple[Record, Bool[np.ndarray, " N"]] | None:
+def compiled_run(env: Any, controller: Any, seed: int) -> tuple[Record, Bool[np.ndarray, " N"]] | None:
     """Return the episode and the success of each step; None for what only `rollout` can run.
 
-    Numbers differ from those of `rollout` by rounding. The environment itself runs no episode.
+    Plants are linear ones, and equations, of which a run that is stiff, fails or blows up is left to
+    `rollout`, which knows what to do or to say then. Numbers differ from those of `rollout` by rounding.
+    The environment itself runs no episode.
 
     Args:
         env: Environment, without wrappers.
@@ -63,19 +66,21 @@ def linear_run(env: Any, controller: Any, seed: int) -> tuple[Record, Bool[np.nd
         return None
     ends, noise = _draw(task, T_s, seed, n_y)
     refs, d = _over(task.y_ref, ends[:-1]), _over(task.d, ends[:-1])
+    if refs.shape != (len(d), n_y) or d.shape != (len(d), len(plant.disturbances)):
+        return None
+    equations, callbacks = _equations(plant)
     generator, outputs, shifts = _matrices(plant, d)
-    room, found = _room(task, ends, shifts, n_y)
+    room, found = _room(task, ends, shifts, n_y, *equations[4:])
     dead, late = map(np.array, delays_of(plant))
     seen = late + np.broadcast_to(np.asarray(task.measurement_delay, dtype=float), n_y)
     dt = float(getattr(plant, "sample_time", 0.0))
 
-    from ._linear_run import PARTS, run  # loads the compiler
+    from ._compiled_run import PARTS, run  # loads the compiler
 
     steps = run(
-        (generator, T_s / PARTS, dt),
-        outputs,
+        ((generator, T_s / PARTS, dt), equations, outputs, shifts),
         (ends, float(task.dense_step)),
-        (refs, noise, shifts),
+        (refs, noise),
         (dead, late, seen, bool(dead.any() or late.any() or seen.any())),
         _limits(plant, task),
         # A discrete plant sees nothing between its samples.
@@ -85,27 +90,76 @@ def linear_run(env: Any, controller: Any, seed: int) -> tuple[Record, Bool[np.nd
         room,
         found,
     )
+    error = None if callbacks is None else callbacks.forget()
+    if error is not None and not isinstance(error, Exception):
+        raise error  # such as Ctrl+C
+    lasting = _lasting(task, found[1][: found[3][:steps].sum() + 1])
+    if equations[0] and (isinstance(error, PlantError) or not _is_smooth(found, steps, lasting)):
+        return None
     pids.remember(packed[2])
-    return _record(env, refs, steps, found)
+    return _record(env, refs, steps, found, lasting)
 
 
 def _is_known(env: PlantEnv, T_s: float) -> bool:
     """Return whether plant and task are of the kinds that are compiled."""
     plant, task = env.plant, env.task
-    own = plant.plant if type(plant) is Disturbed else plant
-    if type(own) is not LinearPlant or own.entry_delay or env.outputs_are_states:
+    own = _parts(plant)[0]
+    if type(own) not in (LinearPlant, FunctionPlant) or env.outputs_are_states:
         return False
-    if len(own.states) > _LARGE:
+    if len(own.states) > _LARGE or getattr(own, "entry_delay", None):
         return False
-    held = all(isinstance(signal, np.ndarray | StepSignal) for signal in (task.y_ref, task.d))
     longest = max(task.horizon, dead_times(plant).max(initial=0.0) + np.max(task.measurement_delay))
     own_rules = task.preview or task.settled is not never or task.unsafe(task.x0)
-    return held and not own_rules and longest <= _LONGEST * T_s
+    return not own_rules and longest <= _LONGEST * T_s
+
+
+def _parts(plant: Any) -> tuple[Any, ScaledPlant | None]:
+    """Return a plant without loads and without what scales it, and what scales it, if anything does."""
+    own: Any = plant.plant if type(plant) is Disturbed else plant
+    return (own.plant, own) if type(own) is ScaledPlant else (own, None)
+
+
+def _equations(plant: Any) -> tuple[tuple[Any, ...], Callbacks | None]:
+    """Return equations as compiled code takes them, and what calls back; a linear plant's addresses are 0."""
+    own, scaled = _parts(plant)
+    speed, gains, offset = 1.0, np.ones(len(plant.inputs)), np.zeros(len(plant.inputs))
+    if scaled is not None:
+        speed, gains, offset = float(scaled.speed), *map(np.array, (scaled.gains, scaled.offset))
+    if type(own) is LinearPlant:
+        return (0, 0, (speed, inf), np.zeros(0), gains, offset), None
+    found, longest = own.callable_equations, inf if own.max_step is None else float(own.max_step)
+    return (found.f, found.g, (speed, longest), found.parameters, gains, offset), found.callbacks
+
+
+def _is_smooth(found: Any, steps: int, lasting: tuple[int, int | None]) -> bool:
+    """Return whether an episode of equations ran to its end or an unsafe state, and all in it are numbers."""
+    _, _, y, lengths, _, usable, y_end = found
+    (kept, unsafe), ends = lasting, np.cumsum(lengths[:steps])
+    if not steps or (unsafe is None and kept <= ends[-1]):
+        return False
+    steps = int(np.searchsorted(ends, kept - 1)) + 1
+    numbers = np.isfinite(y[: kept - 1]).all() and np.isfinite(y_end[steps - 1]).all()
+    return bool(numbers and usable[:steps].all())
+
+
+def _lasting(task: Task, x: Matrix) -> tuple[int, int | None]:
+    """Return how many states are kept, up to an unsafe or the last finite one, and the unsafe one's index."""
+    whole = np.isfinite(x).all(axis=1)
+    kept = len(x) if whole.all() else int(np.argmin(whole))
+    with np.errstate(all="ignore"):  # a rule that takes all states at once sees those after the end, too
+        unsafe = task.first_unsafe(x[1:kept]) if kept > 1 else None
+    return (kept, None) if unsafe is None else (unsafe + 2, unsafe + 1)
 
 
 def _over(signal: Signal | None, t: Float[np.ndarray, " N"]) -> Matrix:
     """Return the values of a signal at `t`, a row each."""
-    return signal.over(t) if isinstance(signal, StepSignal) else np.tile(np.asarray(signal), (len(t), 1))
+    if isinstance(signal, StepSignal):
+        return signal.over(t)
+    if callable(signal):
+        rows = [np.array(signal(each), dtype=float) for each in t.tolist()]
+        whole = len({row.shape for row in rows}) == rows[0].ndim == 1
+        return np.array(rows) if whole else np.zeros((0, 0))
+    return np.tile(np.asarray(signal), (len(t), 1))
 
 
 def _draw(task: Task, T_s: float, seed: int, n_y: int) -> tuple[Float[np.ndarray, " N1"], Matrix]:
@@ -128,21 +182,26 @@ def _draw(task: Task, T_s: float, seed: int, n_y: int) -> tuple[Float[np.ndarray
 
 
 def _matrices(plant: Any, d: Matrix) -> tuple[Matrix, tuple[Matrix, Matrix, Matrix], Matrix]:
-    """Return the generator of (x, a), or its step; C, D and offsets; and a without inputs in each period."""
-    own: Any = plant.plant if type(plant) is Disturbed else plant
-    system, n_d, n_u = own.system, len(own.disturbances), len(own.inputs)
-    (n, _, n_y), m = system.sizes, n_u + n_d
-    C, D = (np.array(part, dtype=float, order="C") for part in (system.C, system.D))
-    generator = np.zeros((n + m, n + m))
-    generator[:n, :n], generator[:n, n:] = system.A, system.B
-    if system.dt:
-        generator[n:, n:] = np.eye(m)
-    shifts, offsets = np.zeros((len(d), m)), np.zeros((len(d), n_y))
+    """Return the generator of (x, a), or its step; C, D and offsets; and a without inputs in each period.
+
+    Equations have no matrices.
+    """
+    own = _parts(plant)[0]
+    n_d, n_u = len(own.disturbances), len(own.inputs)
+    C = D = generator = np.zeros((0, 0))
+    shifts, offsets = np.zeros((len(d), n_u + n_d)), np.zeros((len(d), len(own.outputs)))
     shifts[:, n_u:] = d[:, :n_d]
-    if own.rest:
-        shifts[:, :n_u] -= own.rest[0]
-        offsets += own.rest[1]
-    if own is not plant:
+    if type(own) is LinearPlant:
+        system, (n, m) = own.system, own.system.B.shape
+        C, D = (np.array(part, dtype=float, order="C") for part in (system.C, system.D))
+        generator = np.zeros((n + m, n + m))
+        generator[:n, :n], generator[:n, n:] = system.A, system.B
+        if system.dt:
+            generator[n:, n:] = np.eye(m)
+        if own.rest:
+            shifts[:, :n_u] -= own.rest[0]
+            offsets += own.rest[1]
+    if type(plant) is Disturbed:
         n_p = plant.on_y.shape[1]
         shifts[:, :n_u] += d[:, n_d + n_p :] @ plant.on_u.T
         offsets += d[:, n_d : n_d + n_p] @ plant.on_y.T
@@ -162,9 +221,11 @@ def _wear(worn: Worn | None, n_y: int, n_u: int) -> tuple[np.ndarray, ...]:
     return np.where(worn.rounded, worn.grain, 0.0), np.array(worn.play), np.zeros(n_u), np.zeros(1)
 
 
-def _room(task: Task, ends: np.ndarray, shifts: Matrix, n_y: int) -> tuple[Any, Any]:
+def _room(
+    task: Task, ends: np.ndarray, shifts: Matrix, n_y: int, gains: np.ndarray, offset: np.ndarray
+) -> tuple[Any, Any]:
     """Return what the episode remembers, and where it writes what it finds."""
-    from ._linear_run import KEPT
+    from ._compiled_run import KEPT
 
     N, m, n, n_u = len(ends) - 1, shifts.shape[1], len(task.x0), len(task.u0)
     most, given, rows = N + ceil(ends[-1] / task.dense_step) + 2, 2 * N + 1, (2 * N + 1) * (1 + n_u)
@@ -174,12 +235,14 @@ def _room(task: Task, ends: np.ndarray, shifts: Matrix, n_y: int) -> tuple[Any, 
     spans = starts, states, acting, np.zeros(rows, dtype=np.int64), np.ones(1, dtype=np.int64)
     t, x, y = np.full(most, inf), np.zeros((most, n)), np.empty((most, n_y))
     t[0], x[0], states[0], memory[1][0], acting[0] = 0.0, task.x0, task.x0, task.u0, shifts[0]
-    acting[0, :n_u] += task.u0
+    acting[0, :n_u] = gains * (acting[0, :n_u] + task.u0) + offset
     steps = np.zeros(N, dtype=np.int64), np.empty((N, n_u)), np.zeros(N, dtype=bool), np.empty((N, n_y))
     return (kept, memory, spans), (t, x, y, *steps)
 
 
-def _record(env: PlantEnv, refs: Matrix, steps: int, found: Any) -> tuple[Record, Any]:
+def _record(
+    env: PlantEnv, refs: Matrix, steps: int, found: Any, lasting: tuple[int, int | None]
+) -> tuple[Record, Any]:
     """Return the record of an episode until it ends, and the success of each step.
 
     Raises:
@@ -187,15 +250,10 @@ def _record(env: PlantEnv, refs: Matrix, steps: int, found: Any) -> tuple[Record
     """
     t, x, y, lengths, u, usable, y_end = found
     task, starts = env.task, np.concatenate([[0], np.cumsum(lengths[:steps])])
-    x = x[: starts[-1] + 1]
-    finite = np.isfinite(x).all(axis=1)
-    kept = len(x) if finite.all() else int(np.argmin(finite))
-    with np.errstate(all="ignore"):  # a rule that takes all states at once sees those after the end, too
-        unsafe = task.first_unsafe(x[1:kept]) if kept > 1 else None
-    stopped = kept < len(x) or unsafe is not None
-    kept = kept if unsafe is None else unsafe + 2
+    (kept, unsafe), rows = lasting, starts[-1] + 1
+    stopped = kept < rows or unsafe is not None
     # The period of the last row, of which the start belongs to the one before, unless nothing else is left.
-    steps = int(np.searchsorted(starts, kept - 1 + (unsafe is None and kept < len(x)), side="left"))
+    steps = int(np.searchsorted(starts, kept - 1 + (unsafe is None and kept < rows), side="left"))
     if kept == steps == 1:
         check_rate(env.plant, task.x0, u[0], task.disturbance(0.0))
     y = y[:kept].copy()
@@ -334,7 +392,7 @@ ControllerFactory = Callable[[Float[np.ndarray, " n"]], Controller]
 class ClosedLoop:
     """A `Run` that lets the controller of θ drive a plant environment until the episode ends.
 
-    A linear plant that PIDs control runs compiled (see `linear_run`): then `env` runs no episode.
+    Plants that PIDs control run compiled (see `compiled_run`), if they can: then `env` runs no episode.
 
     Args:
         env: Plant environment, its id, or a function that makes it.
@@ -378,7 +436,7 @@ class ClosedLoop:
     def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
         """Run a physical θ, shape (n,)."""
         controller = self.controller(theta)
-        found = linear_run(self._env, controller, seed)
+        found = compiled_run(self._env, controller, seed)
         if found is None:
             return rollout(self._env, controller, theta, seed=seed, kpis=self.kpis)
         record, solved = found

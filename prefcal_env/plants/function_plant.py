@@ -102,10 +102,9 @@ class FunctionPlant:
         return values if whole else np.asarray(self._values("f", x, u, d))  # raises
 
     @property
-    def plain_f(self) -> Equation:
-        """Return f as it was given, whose values nobody has checked."""
-        found: Equation = self._f
-        return found
+    def plain(self) -> tuple[Equation, Equation | None]:
+        """Return f and g as they were given, whose values nobody has checked."""
+        return self._f, self._g
 
     def g(self, x: X, u: U, d: D) -> Y:
         """Return the controlled outputs."""
@@ -124,9 +123,7 @@ class FunctionPlant:
         integrator. It is raised if the states are not finite in the end, except an ArithmeticError.
         """
         step = np.inf if self.max_step is None else self.max_step
-        equations = self.equations or self._called_back
-        if equations is None:
-            equations = self._called_back = equations_of(self)
+        equations = self.callable_equations
         # A step that is too long may overflow; the integrator refuses it, and tries a shorter one.
         with np.errstate(all="ignore"):
             states = integrate(equations, x, u, d, times, step)
@@ -147,6 +144,14 @@ class FunctionPlant:
                 sizes = n_x, n_u, len(self.disturbances), len(self.outputs)
                 self._equations = _compiled.equations_of(self._f, self._g, sizes)
         return self._equations
+
+    @property
+    def callable_equations(self) -> Equations:
+        """Return the compiled equations, or f and g as compiled code calls them back."""
+        found = self.equations or self._called_back
+        if found is None:
+            found = self._called_back = equations_of(self)
+        return found
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out addresses: they mean nothing in another process."""

@@ -233,13 +233,16 @@ class Callbacks:
                 Exception, as KeyboardInterrupt, are raised: steps that are too long may leave the
                 domain of f, and are repeated with a shorter one.
         """
-        error = getattr(self._kept, "error", None)
-        if error is None:
-            return
-        self._kept.error = None
+        error = self.forget()
         finite = states is not None and bool(np.isfinite(states).all())
-        if _is_mistake(error) or not finite:
+        if error is not None and (_is_mistake(error) or not finite):
             raise error
+
+    def forget(self) -> BaseException | None:
+        """Return what a method raised in this thread since the last check, if anything, and forget it."""
+        error: BaseException | None = getattr(self._kept, "error", None)
+        self._kept.error = None
+        return error
 
 
 class _Views(dict[int | None, Float[np.ndarray, " _"]]):
@@ -278,9 +281,10 @@ def equations_of(plant: Plant) -> Equations:
         J = plant.jacobians(x, u, d)
         return np.concatenate([J.A.ravel(), J.B.ravel(), J.C.ravel(), J.D.ravel()])
 
+    f, g = getattr(plant, "plain", (None, None))
     return Equations(
-        callbacks.address(plant.f, n_x, getattr(plant, "plain_f", None)),
-        callbacks.address(plant.g, n_y),
+        callbacks.address(plant.f, n_x, f),
+        0 if f and not g else callbacks.address(plant.g, n_y, g),
         callbacks.address(matrices, (n_x + n_y) * (n_x + n_u)),
         callbacks=callbacks,
     )

@@ -1,15 +1,17 @@
-"""A linear plant that PIDs control runs compiled, and does what it does in `rollout`."""
+"""A plant that PIDs control runs compiled, and does what it does in `rollout`."""
 
+import numba
 import numpy as np
 import pytest
 
 from prefcal_env import Channel, End, FunctionPlant, Move, Plant, rollout
-from prefcal_env.compiling import of_linear_runs
+from prefcal_env.compiling import of_compiled_runs
 from prefcal_env.controllers.pid import PID, Decentralized
-from prefcal_env.envs.closed_loop import ClosedLoop, linear_run
+from prefcal_env.envs.closed_loop import ClosedLoop, compiled_run
 from prefcal_env.envs.plant_env import PlantEnv
 from prefcal_env.envs.task import StepSignal, Task
-from prefcal_env.envs.varied_loop import Worn
+from prefcal_env.envs.varied_loop import Worn, varied_plant
+from prefcal_env.errors import PlantError
 from prefcal_env.plants.plant import Disturbed
 
 THETA = np.ones(1)
@@ -41,6 +43,26 @@ def random_plant(random):
     return Plant.of((A, B, C, D, dt), inputs=inputs, delay=late(n_u), output_delay=late(n_y), rest=rest)
 
 
+def random_equations(random):
+    """Return a plant with curved equations, some with own outputs, some slower with less gain."""
+    n, n_u = (int(random.integers(1, end)) for end in (4, 3))
+    A, B = random.standard_normal((n, n)) - 2 * np.eye(n), random.standard_normal((n, n_u))
+    limits = drawn(random, np.inf, 2.0, 0.5)
+    own = drawn(random, None, lambda x, u, d: [x[0] + 0.1 * u[0], x[0] ** 2])
+    plant = FunctionPlant(
+        lambda x, u, d: A @ np.sin(x) + B @ u + 0.1 * d[0],
+        own,
+        states=[Channel(f"x{i}") for i in range(n)],
+        inputs=[Channel(f"u{i}", low=-limits, high=limits) for i in range(n_u)],
+        outputs=[Channel("a"), Channel("b")] if own else (),
+        disturbances=[Channel("d")],
+        delay=random.uniform(0.0, drawn(random, 0.0, 0.3, 1.1), n_u).tolist(),
+        max_step=drawn(random, None, 0.03),
+    )
+    values = drawn(random, {}, {"all time constants": 1.2, "gain of u0": 0.8, "dead time": 1.3})
+    return varied_plant(plant, values, 1.3 if values else 1.0).plant
+
+
 def random_task(random, plant):
     """Return a plant with loads, and a task with some of what a task can have."""
     n_u, n_y = len(plant.inputs), len(plant.outputs)
@@ -63,7 +85,7 @@ def random_task(random, plant):
         bias=drawn(random, None, np.full(n_y, 0.1)),
         lag=drawn(random, 0.0, 0.03, 0.2, 5.0),
         measurement_delay=drawn(random, 0.0, 0.0, 0.13, [0.21] * n_y),
-        jitter=0.0 if plant.sample_time else drawn(random, 0.0, 0.1, 0.49),
+        jitter=0.0 if getattr(plant, "sample_time", 0.0) else drawn(random, 0.0, 0.1, 0.49),
     )
     return loaded, task
 
@@ -103,12 +125,13 @@ def assert_close(a, b):
             assert np.array_equal(np.isnan(found), np.isnan(right)), name
 
 
+@pytest.mark.parametrize("plant_of", [random_plant, random_equations])
 @pytest.mark.parametrize("seed", range(60))
-def test_random_loops_run_as_in_a_rollout(seed):
+def test_random_loops_run_as_in_a_rollout(seed, plant_of):
     random = np.random.default_rng([seed, 7])
-    plant, task = random_task(random, random_plant(random))
+    plant, task = random_task(random, plant_of(random))
     env, make = PlantEnv(plant, task), random_controller(random, plant)
-    assert linear_run(env, make(THETA), seed) is not None
+    assert compiled_run(env, make(THETA), seed) is not None
     assert_close(ClosedLoop(env, make)(THETA, seed), rollout(env, make(THETA), THETA, seed=seed))
 
 
@@ -161,6 +184,10 @@ class Own(PID):
     """A controller that may do anything in another way."""
 
 
+class SubPlant(FunctionPlant):
+    """A plant that may do anything in another way."""
+
+
 class Packed:
     """Somebody's own controller, with an attribute of the same name."""
 
@@ -173,7 +200,7 @@ class Packed:
 UNKNOWN = {
     "an own controller with a familiar attribute": (lag_env(), lambda theta: Packed()),
     "another plant": (
-        lag_env(FunctionPlant(lambda x, u, d: -x, states=[Channel("x")], inputs=[Channel("u")])),
+        lag_env(SubPlant(lambda x, u, d: -x, states=[Channel("x")], inputs=[Channel("u")])),
         pid_of,
     ),
     "another controller": (lag_env(), lambda theta: Own(theta[0], T_s=0.1)),
@@ -182,7 +209,6 @@ UNKNOWN = {
         PlantEnv(Plant.of((-np.eye(101), np.eye(101)[:, :1], np.eye(101)[:1], [[0.0]])), LARGE),
         pid_of,
     ),
-    "a reference of its own": (PlantEnv(LAG, Task(THETA, THETA, lambda t: THETA, 2.0)), pid_of),
     "a preview": (lag_env(preview=2), pid_of),
     "an end of its own": (lag_env(settled=lambda period: True), pid_of),
     "a dead time of one entry": (
@@ -198,22 +224,104 @@ UNKNOWN = {
 @pytest.mark.parametrize("what", UNKNOWN)
 def test_what_is_not_compiled_runs_as_before(what):
     env, make = UNKNOWN[what]
-    assert linear_run(env, make(THETA), 0) is None
+    assert compiled_run(env, make(THETA), 0) is None
     assert ClosedLoop(env, make)(THETA).end in (End.TIME_UP, End.SETTLED)
 
 
 def test_a_pid_of_a_channel_that_does_not_exist_is_not_compiled():
     for pid in (PID(1.0, T_s=0.1, output=1), PID(1.0, T_s=0.1, input=1)):
-        assert linear_run(lag_env(), pid, 0) is None
+        assert compiled_run(lag_env(), pid, 0) is None
         with pytest.raises(IndexError):
             ClosedLoop(lag_env(), lambda _: pid)(THETA)  # noqa: B023
+
+
+def plant_by(f, g=None):
+    outputs = [Channel("y")] if g else ()
+    return FunctionPlant(
+        f, g, states=[Channel("x")], inputs=[Channel("u", low=-1.0, high=1.0)], outputs=outputs
+    )
+
+
+def test_a_reference_that_is_a_function_of_time_runs_compiled():
+    for plant in (LAG, plant_by(lambda x, u, d: u - x)):
+        env = PlantEnv(plant, Task(np.zeros(1), np.zeros(1), lambda t: np.array([np.sin(t)]), 2.0))
+        assert compiled_run(env, pid_of(THETA), 0) is not None
+        assert_close(ClosedLoop(env, pid_of)(THETA), rollout(env, pid_of(THETA), THETA))
+
+
+def test_a_reference_that_changes_its_shape_is_not_compiled():
+    env = PlantEnv(LAG, Task(np.zeros(1), np.zeros(1), lambda t: np.ones(1 + (t > 1)), 2.0))
+    assert compiled_run(env, pid_of(THETA), 0) is None
+
+
+def test_a_plant_of_equations_runs_to_the_last_digit_as_in_a_rollout():
+    env = lag_env(plant_by(lambda x, u, d: u - np.sqrt(1 + x)), noise=np.full(1, 0.1), jitter=0.2)
+    assert compiled_run(env, pid_of(THETA), 3) is not None
+    found, right = ClosedLoop(env, pid_of)(THETA, 3), rollout(env, pid_of(THETA), THETA, seed=3)
+    for name in ("t", "x", "u", "y", "u_control"):
+        assert np.array_equal(getattr(found, name), getattr(right, name)), name
+
+
+def raising(error, begin=0.3):
+    """Return a function that raises beyond a state."""
+
+    def value(x, u, d):
+        if x[0] > begin:
+            raise error
+        return [u[0] - x[0]]
+
+    return value
+
+
+FAILING = {
+    "equations that blow up": plant_by(lambda x, u, d: [u[0] + 40 * x[0] ** 2]),
+    "equations that are stiff": plant_by(lambda x, u, d: [1e7 * (u[0] - x[0])]),
+    "a rate that cannot be": plant_by(raising(ZeroDivisionError())),
+    "a rate that is not a number": plant_by(lambda x, u, d: [u[0] - x[0] if x[0] < 0.3 else np.nan]),
+}
+
+
+@pytest.mark.parametrize("what", FAILING)
+def test_equations_that_fail_are_left_to_a_rollout(what):
+    env = lag_env(FAILING[what])
+    assert compiled_run(env, pid_of(THETA), 0) is None
+    assert_close(ClosedLoop(env, pid_of)(THETA), rollout(env, pid_of(THETA), THETA))
+
+
+@pytest.mark.parametrize("error", [KeyError("valve"), KeyboardInterrupt()])
+def test_what_an_equation_raises_is_raised(error):
+    for plant in (plant_by(raising(error)), plant_by(lambda x, u, d: u - x, raising(error))):
+        with pytest.raises(type(error)):
+            ClosedLoop(lag_env(plant), pid_of)(THETA)
+
+
+def test_equations_that_return_too_many_numbers_are_a_mistake():
+    with pytest.raises(PlantError, match="1 values"):
+        ClosedLoop(lag_env(plant_by(lambda x, u, d: [u[0] - x[0], 0.0])), pid_of)(THETA)
+
+
+def test_a_run_may_fail_behind_an_unsafe_state():
+    env = lag_env(plant_by(raising(ValueError())), unsafe=lambda x: bool(x[0] > 0.2))
+    assert compiled_run(env, pid_of(THETA), 0) is not None
+    found = ClosedLoop(env, pid_of)(THETA)
+    assert found.end is End.UNSAFE
+    assert_close(found, rollout(env, pid_of(THETA), THETA))
+
+
+def test_compiled_equations_run_as_in_python():
+    def f(x, u, d):
+        return np.array([u[0] - x[0] ** 3])
+
+    plain, fast = (ClosedLoop(lag_env(plant_by(each)), pid_of)(THETA) for each in (f, numba.njit(f)))
+    assert compiled_run(lag_env(plant_by(numba.njit(f))), pid_of(THETA), 0) is not None
+    assert_close(fast, plain)
 
 
 def test_what_is_compiled_ahead_serves_every_run():
     for seed in range(10):
         random = np.random.default_rng([seed, 7])
         plant, task = random_task(random, random_plant(random))
-        linear_run(PlantEnv(plant, task), random_controller(random, plant)(THETA), seed)
-    (kernel,) = of_linear_runs()
+        compiled_run(PlantEnv(plant, task), random_controller(random, plant)(THETA), seed)
+    (kernel,) = of_compiled_runs()
     kernel.function.compile(kernel.types)
     assert len(kernel.function.signatures) == 1

@@ -1,7 +1,9 @@
-"""The compiled episode of a linear plant with dead time that PIDs control, period by period.
+"""The compiled episode of a plant with dead time that PIDs control, period by period.
 
-It does what `PlantEnv.apply`, `DeadTime`, `Worn` and `PID.step` do, in their order; `linear_run` prepares it.
-Matrices are those of x' = A x + B a, y = C x + D a + o; a are inputs and disturbances, less those at rest.
+It does what `PlantEnv.apply`, `DeadTime`, `Worn` and `PID.step` do, in their order, as `compiled_run` asks.
+Of a linear plant, x' = A x + B a, y = C x + D a + o; a are inputs and disturbances, less those at rest.
+Of other equations, x' = s f(x, a), y = g(x, a) + o; a are inputs as `ScaledPlant` makes them act, and
+disturbances, and s is its speed.
 """
 
 import math
@@ -9,6 +11,7 @@ import math
 import numpy as np
 
 from prefcal_env.jit import inner, kernel
+from prefcal_env.plants._dop853 import call, integrate
 
 # --- The states after a time: one matrix exponential for each length, kept for the episode.
 
@@ -140,42 +143,89 @@ def _cuts(memory, delays, start, end, out):  # type: ignore[no-untyped-def]
 
 
 @inner()
-def _seen(t, tolerance, delays, outputs, plant, kept, spans, x, y):  # type: ignore[no-untyped-def]
-    """Write the outputs as seen at `t`, each from as long ago as its delay."""
-    C, D, offsets = outputs
+def _seen(t, tolerance, delays, system, kept, spans, latest, x, y):  # type: ignore[no-untyped-def]
+    """Write the outputs as seen at `t`, each from as long ago as its delay.
+
+    `latest` are the time and the row of `x` of the latest state, which needs no simulation.
+    """
     since, states, acting, rows, count = spans
-    k = 0
+    plant, equations = system[0], system[1]
+    found, k = np.empty(len(y)), 0
     for i in range(len(delays)):
         if i == 0 or delays[i] != delays[i - 1]:
             k = _last(since, count[0], t - delays[i] + tolerance)
             ago = t - delays[i] - since[k]
-            _after(ago if tolerance < ago < math.inf else 0.0, plant, kept, states[k], acting[k], x)
-        y[i] = offsets[rows[k], i]
-        for j in range(len(x)):
-            y[i] += C[i, j] * x[j]
-        for j in range(acting.shape[1]):
-            y[i] += D[i, j] * acting[k, j]
+            ago = ago if tolerance < ago < math.inf else 0.0
+            if equations[0] == 0:
+                _after(ago, plant, kept, states[k], acting[k], x)
+            elif k == count[0] - 1 and abs(t - delays[i] - latest[0]) <= tolerance:
+                _copy(latest[1], x)
+            elif ago == 0.0:
+                _copy(states[k], x)
+            else:
+                _copy(_integrate(np.full(1, ago), equations, states[k], acting[k])[0][0], x)
+            _read(x, acting[k], rows[k], system, found)
+        y[i] = found[i]
 
 
 @inner()
-def _outputs(x, u, k, outputs, shifts, y):  # type: ignore[no-untyped-def]
-    """Write the outputs without dead time, with what is held in period `k`."""
-    C, D, offsets = outputs
+def _read(x, a, k, system, y):  # type: ignore[no-untyped-def]
+    """Write the outputs at the state `x`, with `a` acting in period `k`."""
+    equations, (C, D, offsets) = system[1], system[2]
+    if equations[1] != 0:
+        n_u = len(equations[4])
+        call(equations[1], x, a[:n_u], a[n_u:], equations[3], y)
     for i in range(len(y)):
-        y[i] = offsets[k, i]
-        for j in range(len(x)):
-            y[i] += C[i, j] * x[j]
-        for j in range(shifts.shape[1]):
-            y[i] += D[i, j] * (shifts[k, j] + (u[j] if j < len(u) else 0.0))
+        if equations[0] == 0:
+            y[i] = offsets[k, i]
+            for j in range(len(x)):
+                y[i] += C[i, j] * x[j]
+            for j in range(len(a)):
+                y[i] += D[i, j] * a[j]
+        else:
+            y[i] = (x[i] if equations[1] == 0 else y[i]) + offsets[k, i]
+
+
+@inner()
+def _act(j, u, k, system):  # type: ignore[no-untyped-def]
+    """Return what the input j does in period `k`, of which the actuator has `u`."""
+    gains, offset = system[1][4], system[1][5]
+    return gains[j] * (u + system[3][k, j]) + offset[j]
+
+
+@inner()
+def _outputs(x, u, k, system, y):  # type: ignore[no-untyped-def]
+    """Write the outputs without dead time, with what is held in period `k`."""
+    a = system[3][k].copy()
+    for j in range(len(u)):
+        a[j] = _act(j, u[j], k, system)
+    _read(x, a, k, system, y)
+
+
+@inner()
+def _integrate(times, equations, x, a):  # type: ignore[no-untyped-def]
+    """Return the states at `times` after `x`, with `a` acting, and whether the equations are too stiff."""
+    f, _, (speed, max_step), p, gains, _ = equations
+    n_u = len(gains)
+    for i in range(len(times)):
+        times[i] *= speed
+    return integrate(f, x, a[:n_u].copy(), a[n_u:].copy(), p, times, max_step, False)
+
+
+@inner()
+def _copy(source, target):  # type: ignore[no-untyped-def]
+    for i in range(len(source)):
+        target[i] = source[i]
 
 
 @inner()
 def _hold(part, end, now, u, k, row, dense, loop):  # type: ignore[no-untyped-def]
     """Hold u from the start of a part until `end`, from the state `now`, which becomes that of the end.
 
-    Write the states at the dense instants from `row` on; return the first one after `end`.
+    Write the states at the dense instants from `row` on; return the first one after `end`, or -1 if the
+    equations are too stiff.
     """
-    (t, x), (delays, shifts, plant, kept, memory, spans) = dense, loop
+    t, (delays, system, kept, memory, spans) = dense[0], loop
     (since, states, acting, rows, count), (times, values, given) = spans, memory
     tolerance, cuts = 1e-10 * (end - part), np.empty(len(times) + 2)
     times[given[0]] = part
@@ -187,15 +237,38 @@ def _hold(part, end, now, u, k, row, dense, loop):  # type: ignore[no-untyped-de
         since[s], rows[s], count[0] = a, k, s + 1
         for j in range(len(now)):
             states[s, j] = now[j]
-        for j in range(shifts.shape[1]):
-            acting[s, j] = shifts[k, j]
-            if j < len(delays):  # each input as it was its delay ago
-                acting[s, j] += values[_last(times, given[0], a + tolerance - delays[j]), j]
+        _copy(system[3][k], acting[s])
+        for j in range(len(delays)):  # each input as it was its delay ago
+            u_j = values[_last(times, given[0], a + tolerance - delays[j]), j]
+            acting[s, j] = _act(j, u_j, k, system)
+        first = row
         while row < len(t) and t[row] <= b:
-            _after(t[row] - a, plant, kept, states[s], acting[s], x[row])
             row += 1
-        _after(b - a, plant, kept, states[s], acting[s], now)
+        if _follow(a, b, (first, row), dense, system, kept, (states[s], acting[s]), now):
+            return -1
     return row
+
+
+@inner()
+def _follow(a, b, rows, dense, system, kept, span, now):  # type: ignore[no-untyped-def]
+    """Write the states of a span from a to b, in some rows and to `now`, that of b.
+
+    Return whether its equations are too stiff.
+    """
+    (t, x), (state, acting), (first, row), plant = dense, span, rows, system[0]
+    if system[1][0] == 0:
+        for i in range(first, row):
+            _after(t[i] - a, plant, kept, state, acting, x[i])
+        _after(b - a, plant, kept, state, acting, now)
+        return False
+    times = np.full(row - first + (row == first or t[row - 1] != b), b - a)
+    for i in range(first, row):
+        times[i - first] = t[i] - a
+    states, stiff = _integrate(times, system[1], state, acting)
+    for i in range(first, row):
+        _copy(states[i - first], x[i])
+    _copy(states[len(times) - 1], now)
+    return stiff
 
 
 # --- Controllers and actuators.
@@ -296,39 +369,43 @@ def _write_instants(start, end, grid, row, t):  # type: ignore[no-untyped-def]
 def _simulate(at, after, dense, k, split, parts, loop):  # type: ignore[no-untyped-def]
     """Write the states of period `k` in the rows after `at`, in two parts if `split` is not 0.
 
-    Return whether all are finite.
+    Return whether all are finite, and whether the equations are too stiff.
     """
     t, x = dense
     now, row, part, finite = x[at].copy(), at + 1, t[at], True
     for which in range(1 if split == 0.0 else 2):
         end = t[after] if split == 0.0 or which == 1 else t[at] + split
         row = _hold(part, end, now, parts[which], k, row, dense, loop)
+        if row < 0:
+            return False, True
         part = end
     for row in range(at + 1, after + 1):
         for j in range(x.shape[1]):
             finite = finite and abs(x[row, j]) < math.inf
-    return finite
+    return finite, False
 
 
 @kernel()
 def run(  # type: ignore[no-untyped-def]
-    plant, outputs, times, signals, delays, limits, lag, pids, wear, room, found
+    system, times, signals, delays, limits, lag, pids, wear, room, found
 ):
     """Run the episode, and return the number of steps; it ends where a state is not finite.
 
+    If the equations of the plant are too stiff, that is 0.
+
     Written to `found` are all instants, with x and y, then of each step its number of instants, u, its
-    success, and y at its end. See `closed_loop.linear_run` for the other arguments.
+    success, and y at its end. See `closed_loop.compiled_run` for the other arguments.
     """
-    (ends, grid), (refs, noise, shifts), (dead, late, seen, delayed) = times, signals, delays
+    (ends, grid), (refs, noise), (dead, late, seen, delayed) = times, signals, delays
     (slow, sizes), (kept, memory, spans), (t, x, y, lengths, u_control, usable, y_end) = lag, room, found
     u, state, measured = memory[1][0], np.empty(x.shape[1]), np.empty(y.shape[1])
     reached, farthest, parts = u.copy(), np.zeros(len(u)), np.zeros((3, len(u)))
-    loop, dense, tolerance, at = (dead, shifts, plant, kept, memory, spans), (t, x), 0.0, 0
+    loop, dense, tolerance, at = (dead, system, kept, memory, spans), (t, x), 0.0, 0
     for k in range(len(lengths)):
         if delayed:
-            _seen(ends[k], tolerance, seen, outputs, plant, kept, spans, state, measured)
+            _seen(ends[k], tolerance, seen, system, kept, spans, (t[at], x[at]), state, measured)
         else:
-            _outputs(x[at], reached, k, outputs, shifts, measured)
+            _outputs(x[at], reached, k, system, measured)
         for i in range(len(measured)):
             measured[i] += noise[k, i]
         usable[k] = _decide(measured, refs[k], u, pids, wear, limits, u_control[k])
@@ -336,14 +413,17 @@ def run(  # type: ignore[no-untyped-def]
         lengths[k] = _write_instants(ends[k], ends[k + 1], grid, at + 1, t)
         after = at + lengths[k]
         split = _actuate(u, reached, farthest, t[after] - t[at], slow, sizes, parts)
-        finite = _simulate(at, after, dense, k, split, parts, loop)
+        finite, stiff = _simulate(at, after, dense, k, split, parts, loop)
+        if stiff:
+            return 0
         tolerance = 1e-10 * (t[after] - t[at])
         for row in range(at, after + 1):
             out = y[row] if row < after else y_end[k]
             if delayed:
-                _seen(t[row], tolerance, late, outputs, plant, kept, spans, state, out)
+                latest = t[after], x[after]
+                _seen(t[row], tolerance, late, system, kept, spans, latest, state, out)
             else:
-                _outputs(x[row], parts[2], k, outputs, shifts, out)
+                _outputs(x[row], parts[2], k, system, out)
         at = after
         if not finite:
             return k + 1
