@@ -55,12 +55,15 @@ def compile_missing(report: Callable[[Compiling], None]) -> None:
     found = tuple(kernels())
     if not found:
         return
-    from numba.core import event  # takes half a second, so import it only when needed
+    from numba.core import event, sigutils  # takes half a second, so import it only when needed
 
+    typed: Any = sigutils.normalize_signature
     for k, kernel in enumerate(found):
         now = Compiling(k + 1, len(found), kernel.title)
+        # numba would keep it under the words for these types, where no call in another process looks for it.
+        types, _ = typed(kernel.types)
         with event.install_listener("numba:compile", _once(partial(report, now))):
-            kernel.function.compile(kernel.types)
+            kernel.function.compile(types)
 
 
 def _once(report: Callable[[], None]) -> Any:
@@ -141,19 +144,21 @@ def _of_the_road() -> Iterator[Kernel]:
     yield _kernel("distance off the road", scene.outsides, "matrix, UniTuple(f8, 2)")
 
 
-def of_compiled_runs() -> Iterator[Kernel]:
-    """Yield what runs a plant that PIDs control."""
+def of_compiled_runs(*, linear: bool) -> Iterator[Kernel]:
+    """Yield what runs a plant that PIDs control: a linear one, or one of equations."""
     from .envs._compiled_run import run
 
     numbers, room = "i8[::1]", "Tuple((vector, matrix, matrix, i8[::1], i8[::1]))"
+    matrices = f"Tuple((Tuple((matrix, f8, f8)), Tuple(({numbers}, cube, {numbers})), matrix, matrix))"
+    plant = f"{matrices}, none" if linear else "none, Tuple((i8, i8, f8, f8, vector, i8))"
     yield _kernel(
         "closed loop",
         run,
-        "Tuple((Tuple((matrix, f8, f8)), Tuple((i8, i8, UniTuple(f8, 2), vector, vector, vector)), "
-        "UniTuple(matrix, 3), matrix)), Tuple((vector, f8)), UniTuple(matrix, 2), "
+        f"Tuple(({plant}, matrix, Tuple((matrix, vector, vector)))), "
+        "Tuple((vector, f8)), UniTuple(matrix, 2), "
         "Tuple((vector, vector, vector, b1)), UniTuple(vector, 3), Tuple((f8, UniTuple(f8, 3))), "
         "Tuple((matrix, i8[:,::1], matrix)), UniTuple(vector, 4), "
-        f"Tuple((Tuple(({numbers}, cube, {numbers})), Tuple((vector, matrix, {numbers})), {room})), "
+        f"Tuple((Tuple((vector, matrix, {numbers})), {room})), "
         f"Tuple((vector, matrix, matrix, {numbers}, matrix, b1[::1], matrix))",
     )
 

@@ -142,74 +142,9 @@ def _cuts(memory, delays, start, end, out):  # type: ignore[no-untyped-def]
     return found + 1
 
 
-@inner()
-def _seen(t, tolerance, delays, system, kept, spans, latest, x, y):  # type: ignore[no-untyped-def]
-    """Write the outputs as seen at `t`, each from as long ago as its delay.
-
-    `latest` are the time and the row of `x` of the latest state, which needs no simulation.
-    """
-    since, states, acting, rows, count = spans
-    plant, equations = system[0], system[1]
-    found, k = np.empty(len(y)), 0
-    for i in range(len(delays)):
-        if i == 0 or delays[i] != delays[i - 1]:
-            k = _last(since, count[0], t - delays[i] + tolerance)
-            ago = t - delays[i] - since[k]
-            ago = ago if tolerance < ago < math.inf else 0.0
-            if equations[0] == 0:
-                _after(ago, plant, kept, states[k], acting[k], x)
-            elif k == count[0] - 1 and abs(t - delays[i] - latest[0]) <= tolerance:
-                _copy(latest[1], x)
-            elif ago == 0.0:
-                _copy(states[k], x)
-            else:
-                _copy(_integrate(np.full(1, ago), equations, states[k], acting[k])[0][0], x)
-            _read(x, acting[k], rows[k], system, found)
-        y[i] = found[i]
-
-
-@inner()
-def _read(x, a, k, system, y):  # type: ignore[no-untyped-def]
-    """Write the outputs at the state `x`, with `a` acting in period `k`."""
-    equations, (C, D, offsets) = system[1], system[2]
-    if equations[1] != 0:
-        n_u = len(equations[4])
-        call(equations[1], x, a[:n_u], a[n_u:], equations[3], y)
-    for i in range(len(y)):
-        if equations[0] == 0:
-            y[i] = offsets[k, i]
-            for j in range(len(x)):
-                y[i] += C[i, j] * x[j]
-            for j in range(len(a)):
-                y[i] += D[i, j] * a[j]
-        else:
-            y[i] = (x[i] if equations[1] == 0 else y[i]) + offsets[k, i]
-
-
-@inner()
-def _act(j, u, k, system):  # type: ignore[no-untyped-def]
-    """Return what the input j does in period `k`, of which the actuator has `u`."""
-    gains, offset = system[1][4], system[1][5]
-    return gains[j] * (u + system[3][k, j]) + offset[j]
-
-
-@inner()
-def _outputs(x, u, k, system, y):  # type: ignore[no-untyped-def]
-    """Write the outputs without dead time, with what is held in period `k`."""
-    a = system[3][k].copy()
-    for j in range(len(u)):
-        a[j] = _act(j, u[j], k, system)
-    _read(x, a, k, system, y)
-
-
-@inner()
-def _integrate(times, equations, x, a):  # type: ignore[no-untyped-def]
-    """Return the states at `times` after `x`, with `a` acting, and whether the equations are too stiff."""
-    f, _, (speed, max_step), p, gains, _ = equations
-    n_u = len(gains)
-    for i in range(len(times)):
-        times[i] *= speed
-    return integrate(f, x, a[:n_u].copy(), a[n_u:].copy(), p, times, max_step, False)
+# --- The plant: its states after a time, and its outputs.
+#
+# Of `matrices` and `equations` one is None, for which numba leaves out what stands below `is not None`.
 
 
 @inner()
@@ -219,56 +154,115 @@ def _copy(source, target):  # type: ignore[no-untyped-def]
 
 
 @inner()
-def _hold(part, end, now, u, k, row, dense, loop):  # type: ignore[no-untyped-def]
-    """Hold u from the start of a part until `end`, from the state `now`, which becomes that of the end.
-
-    Write the states at the dense instants from `row` on; return the first one after `end`, or -1 if the
-    equations are too stiff.
-    """
-    t, (delays, system, kept, memory, spans) = dense[0], loop
-    (since, states, acting, rows, count), (times, values, given) = spans, memory
-    tolerance, cuts = 1e-10 * (end - part), np.empty(len(times) + 2)
-    times[given[0]] = part
-    for i in range(len(u)):
-        values[given[0], i] = u[i]
-    given[0] += 1
-    for piece in range(1, _cuts(memory, delays, part, end, cuts)):
-        a, b, s = cuts[piece - 1], cuts[piece], count[0]
-        since[s], rows[s], count[0] = a, k, s + 1
-        for j in range(len(now)):
-            states[s, j] = now[j]
-        _copy(system[3][k], acting[s])
-        for j in range(len(delays)):  # each input as it was its delay ago
-            u_j = values[_last(times, given[0], a + tolerance - delays[j]), j]
-            acting[s, j] = _act(j, u_j, k, system)
-        first = row
-        while row < len(t) and t[row] <= b:
-            row += 1
-        if _follow(a, b, (first, row), dense, system, kept, (states[s], acting[s]), now):
-            return -1
-    return row
+def _advance(times, x, a, matrices, equations, out):  # type: ignore[no-untyped-def]
+    """Write the states at `times` after `x`, with `a` acting; return whether equations are too stiff."""
+    stiff = False
+    if matrices is not None:
+        for i in range(len(times)):
+            _after(times[i], matrices[0], matrices[1], x, a, out[i])
+    if equations is not None:
+        f, _, speed, max_step, p, n_u = equations
+        for i in range(len(times)):
+            times[i] *= speed
+        explicit = speed <= 0.0  # False, but not as a constant, for which numba would compile it again
+        states, stiff = integrate(f, x, a[:n_u], a[n_u:], p, times, max_step, explicit)
+        for i in range(len(times)):
+            _copy(states[i], out[i])
+    return stiff
 
 
 @inner()
-def _follow(a, b, rows, dense, system, kept, span, now):  # type: ignore[no-untyped-def]
-    """Write the states of a span from a to b, in some rows and to `now`, that of b.
+def _read(x, a, k, matrices, equations, outputs, y):  # type: ignore[no-untyped-def]
+    """Write the outputs at the state `x`, with `a` acting in period `k`."""
+    if matrices is not None:
+        for i in range(len(y)):
+            y[i] = outputs[k, i]
+            for j in range(len(x)):
+                y[i] += matrices[2][i, j] * x[j]
+            for j in range(len(a)):
+                y[i] += matrices[3][i, j] * a[j]
+    if equations is not None:
+        _, g, _, _, p, n_u = equations
+        if g == 0:
+            _copy(x, y)
+        else:
+            call(g, x, a[:n_u], a[n_u:], p, y)
+        for i in range(len(y)):
+            y[i] += outputs[k, i]
 
-    Return whether its equations are too stiff.
+
+@inner()
+def _act(j, u, k, acting):  # type: ignore[no-untyped-def]
+    """Return what the input j does in period `k`, of which the actuator has `u`."""
+    shifts, gains, offset = acting
+    return gains[j] * (u + shifts[k, j]) + offset[j]
+
+
+@inner()
+def _outputs(x, u, k, system, y):  # type: ignore[no-untyped-def]
+    """Write the outputs without dead time, with what is held in period `k`."""
+    matrices, equations, outputs, acting = system
+    a = acting[0][k].copy()
+    for j in range(len(u)):
+        a[j] = _act(j, u[j], k, acting)
+    _read(x, a, k, matrices, equations, outputs, y)
+
+
+@inner()
+def _seen(t, tolerance, delays, system, spans, latest, y):  # type: ignore[no-untyped-def]
+    """Write the outputs as seen at `t`, each from as long ago as its delay.
+
+    `latest` are the time and the row of `x` of the latest state, which needs no simulation.
     """
-    (t, x), (state, acting), (first, row), plant = dense, span, rows, system[0]
-    if system[1][0] == 0:
+    (matrices, equations, outputs, _), (since, states, acting, rows, count) = system, spans
+    found, x, k = np.empty(len(y)), np.empty((1, states.shape[1])), 0
+    for i in range(len(delays)):
+        if i == 0 or delays[i] != delays[i - 1]:
+            k = _last(since, count[0], t - delays[i] + tolerance)
+            ago = t - delays[i] - since[k]
+            if k == count[0] - 1 and abs(t - delays[i] - latest[0]) <= tolerance:
+                _copy(latest[1], x[0])
+            elif tolerance < ago < math.inf:
+                _advance(np.full(1, ago), states[k], acting[k], matrices, equations, x)
+            else:
+                _copy(states[k], x[0])
+            _read(x[0], acting[k], rows[k], matrices, equations, outputs, found)
+        y[i] = found[i]
+
+
+@inner()
+def _hold(part, end, now, u, k, row, dense, loop):  # type: ignore[no-untyped-def]
+    """Hold u from the start of a part until `end`, from the state `now`, which becomes that of the end.
+
+    Write the states at the dense instants from `row` on; return the first one after `end`, or -1 if
+    equations are too stiff.
+    """
+    (t, x), (delays, (matrices, equations, _, how), memory, spans) = dense, loop
+    (since, states, acting, rows, count), (times, values, given) = spans, memory
+    tolerance, cuts = 1e-10 * (end - part), np.empty(len(times) + 2)
+    _copy(u, values[given[0]])
+    times[given[0]], given[0] = part, given[0] + 1
+    for piece in range(1, _cuts(memory, delays, part, end, cuts)):
+        a, b, s, first = cuts[piece - 1], cuts[piece], count[0], row
+        since[s], rows[s], count[0] = a, k, s + 1
+        _copy(now, states[s])
+        _copy(how[0][k], acting[s])
+        for j in range(len(delays)):  # each input as it was its delay ago
+            delayed = values[_last(times, given[0], a + tolerance - delays[j]), j]
+            acting[s, j] = _act(j, delayed, k, how)
+        while row < len(t) and t[row] <= b:
+            row += 1
+        # The state is needed where an input changes, also if nothing is recorded there.
+        after = np.full(row - first + (row == first or t[row - 1] != b), b - a)
         for i in range(first, row):
-            _after(t[i] - a, plant, kept, state, acting, x[i])
-        _after(b - a, plant, kept, state, acting, now)
-        return False
-    times = np.full(row - first + (row == first or t[row - 1] != b), b - a)
-    for i in range(first, row):
-        times[i - first] = t[i] - a
-    states, stiff = _integrate(times, system[1], state, acting)
-    for i in range(first, row):
-        _copy(states[i - first], x[i])
-    _copy(states[len(times) - 1], now)
-    return stiff
+            after[i - first] = t[i] - a
+        found = np.empty((len(after), len(now)))
+        if _advance(after, states[s], acting[s], matrices, equations, found):
+            return -1
+        for i in range(first, row):
+            _copy(found[i - first], x[i])
+        _copy(found[len(after) - 1], now)
+    return row
 
 
 # --- Controllers and actuators.
@@ -397,13 +391,13 @@ def run(  # type: ignore[no-untyped-def]
     success, and y at its end. See `closed_loop.compiled_run` for the other arguments.
     """
     (ends, grid), (refs, noise), (dead, late, seen, delayed) = times, signals, delays
-    (slow, sizes), (kept, memory, spans), (t, x, y, lengths, u_control, usable, y_end) = lag, room, found
-    u, state, measured = memory[1][0], np.empty(x.shape[1]), np.empty(y.shape[1])
+    (slow, sizes), (memory, spans), (t, x, y, lengths, u_control, usable, y_end) = lag, room, found
+    u, measured = memory[1][0], np.empty(y.shape[1])
     reached, farthest, parts = u.copy(), np.zeros(len(u)), np.zeros((3, len(u)))
-    loop, dense, tolerance, at = (dead, system, kept, memory, spans), (t, x), 0.0, 0
+    loop, dense, tolerance, at = (dead, system, memory, spans), (t, x), 0.0, 0
     for k in range(len(lengths)):
         if delayed:
-            _seen(ends[k], tolerance, seen, system, kept, spans, (t[at], x[at]), state, measured)
+            _seen(ends[k], tolerance, seen, system, spans, (t[at], x[at]), measured)
         else:
             _outputs(x[at], reached, k, system, measured)
         for i in range(len(measured)):
@@ -420,8 +414,7 @@ def run(  # type: ignore[no-untyped-def]
         for row in range(at, after + 1):
             out = y[row] if row < after else y_end[k]
             if delayed:
-                latest = t[after], x[after]
-                _seen(t[row], tolerance, late, system, kept, spans, latest, state, out)
+                _seen(t[row], tolerance, late, system, spans, (t[after], x[after]), out)
             else:
                 _outputs(x[row], parts[2], k, system, out)
         at = after

@@ -68,23 +68,22 @@ def compiled_run(env: Any, controller: Any, seed: int) -> tuple[Record, Bool[np.
     refs, d = _over(task.y_ref, ends[:-1]), _over(task.d, ends[:-1])
     if refs.shape != (len(d), n_y) or d.shape != (len(d), len(plant.disturbances)):
         return None
-    equations, callbacks = _equations(plant)
-    generator, outputs, shifts = _matrices(plant, d)
-    room, found = _room(task, ends, shifts, n_y, *equations[4:])
+    (equations, callbacks), (offsets, acting) = _equations(plant), _acting(plant, d)
+    room, found = _room(task, ends, acting, n_y)
     dead, late = map(np.array, delays_of(plant))
     seen = late + np.broadcast_to(np.asarray(task.measurement_delay, dtype=float), n_y)
-    dt = float(getattr(plant, "sample_time", 0.0))
+    discrete = getattr(plant, "sample_time", 0.0) > 0
 
     from ._compiled_run import PARTS, run  # loads the compiler
 
     steps = run(
-        ((generator, T_s / PARTS, dt), equations, outputs, shifts),
+        (_matrices(plant, T_s / PARTS), equations, offsets, acting),
         (ends, float(task.dense_step)),
         (refs, noise),
         (dead, late, seen, bool(dead.any() or late.any() or seen.any())),
         _limits(plant, task),
         # A discrete plant sees nothing between its samples.
-        (float(task.lag), (inf if dt else STRAIGHT, SUDDEN, LITTLE)),
+        (float(task.lag), (inf if discrete else STRAIGHT, SUDDEN, LITTLE)),
         packed,
         _wear(worn, n_y, len(plant.inputs)),
         room,
@@ -94,7 +93,7 @@ def compiled_run(env: Any, controller: Any, seed: int) -> tuple[Record, Bool[np.
     if error is not None and not isinstance(error, Exception):
         raise error  # such as Ctrl+C
     lasting = _lasting(task, found[1][: found[3][:steps].sum() + 1])
-    if equations[0] and (isinstance(error, PlantError) or not _is_smooth(found, steps, lasting)):
+    if equations and (isinstance(error, PlantError) or not _is_smooth(found, steps, lasting)):
         return None
     pids.remember(packed[2])
     return _record(env, refs, steps, found, lasting)
@@ -119,16 +118,14 @@ def _parts(plant: Any) -> tuple[Any, ScaledPlant | None]:
     return (own.plant, own) if type(own) is ScaledPlant else (own, None)
 
 
-def _equations(plant: Any) -> tuple[tuple[Any, ...], Callbacks | None]:
-    """Return equations as compiled code takes them, and what calls back; a linear plant's addresses are 0."""
+def _equations(plant: Any) -> tuple[tuple[Any, ...] | None, Callbacks | None]:
+    """Return equations as compiled code takes them, and what calls back; none of a linear plant."""
     own, scaled = _parts(plant)
-    speed, gains, offset = 1.0, np.ones(len(plant.inputs)), np.zeros(len(plant.inputs))
-    if scaled is not None:
-        speed, gains, offset = float(scaled.speed), *map(np.array, (scaled.gains, scaled.offset))
     if type(own) is LinearPlant:
-        return (0, 0, (speed, inf), np.zeros(0), gains, offset), None
+        return None, None
     found, longest = own.callable_equations, inf if own.max_step is None else float(own.max_step)
-    return (found.f, found.g, (speed, longest), found.parameters, gains, offset), found.callbacks
+    speed = 1.0 if scaled is None else float(scaled.speed)
+    return (found.f, found.g, speed, longest, found.parameters, len(own.inputs)), found.callbacks
 
 
 def _is_smooth(found: Any, steps: int, lasting: tuple[int, int | None]) -> bool:
@@ -181,31 +178,37 @@ def _draw(task: Task, T_s: float, seed: int, n_y: int) -> tuple[Float[np.ndarray
     return ends, bias + (noise if size is None else size * noise)
 
 
-def _matrices(plant: Any, d: Matrix) -> tuple[Matrix, tuple[Matrix, Matrix, Matrix], Matrix]:
-    """Return the generator of (x, a), or its step; C, D and offsets; and a without inputs in each period.
+def _matrices(plant: Any, part: float) -> tuple[Any, ...] | None:
+    """Return the generator of (x, a), or its step, room for its powers, and C and D; None of equations."""
+    if type(own := _parts(plant)[0]) is not LinearPlant:
+        return None
+    from ._compiled_run import KEPT
 
-    Equations have no matrices.
-    """
-    own = _parts(plant)[0]
+    system, (n, m) = own.system, own.system.B.shape
+    C, D = (np.array(part, dtype=float, order="C") for part in (system.C, system.D))
+    generator = np.zeros((n + m, n + m))
+    generator[:n, :n], generator[:n, n:] = system.A, system.B
+    if system.dt:
+        generator[n:, n:] = np.eye(m)
+    kept = np.full(KEPT, -1), np.empty((KEPT, n, n + m)), np.zeros(1, dtype=np.int64)
+    return (generator, part, float(system.dt)), kept, C, D
+
+
+def _acting(plant: Any, d: Matrix) -> tuple[Matrix, tuple[Matrix, Any, Any]]:
+    """Return what is added to the outputs in each period; a without inputs, and how inputs act."""
+    own, scaled = _parts(plant)
     n_d, n_u = len(own.disturbances), len(own.inputs)
-    C = D = generator = np.zeros((0, 0))
     shifts, offsets = np.zeros((len(d), n_u + n_d)), np.zeros((len(d), len(own.outputs)))
     shifts[:, n_u:] = d[:, :n_d]
-    if type(own) is LinearPlant:
-        system, (n, m) = own.system, own.system.B.shape
-        C, D = (np.array(part, dtype=float, order="C") for part in (system.C, system.D))
-        generator = np.zeros((n + m, n + m))
-        generator[:n, :n], generator[:n, n:] = system.A, system.B
-        if system.dt:
-            generator[n:, n:] = np.eye(m)
-        if own.rest:
-            shifts[:, :n_u] -= own.rest[0]
-            offsets += own.rest[1]
+    if type(own) is LinearPlant and own.rest:
+        shifts[:, :n_u] -= own.rest[0]
+        offsets += own.rest[1]
     if type(plant) is Disturbed:
         n_p = plant.on_y.shape[1]
         shifts[:, :n_u] += d[:, n_d + n_p :] @ plant.on_u.T
         offsets += d[:, n_d : n_d + n_p] @ plant.on_y.T
-    return generator, (C, D, offsets), shifts
+    how = (np.ones(n_u), np.zeros(n_u)) if scaled is None else (scaled.gains, scaled.offset)
+    return offsets, (shifts, np.array(how[0]), np.array(how[1]))
 
 
 def _limits(plant: Any, task: Task) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -221,15 +224,11 @@ def _wear(worn: Worn | None, n_y: int, n_u: int) -> tuple[np.ndarray, ...]:
     return np.where(worn.rounded, worn.grain, 0.0), np.array(worn.play), np.zeros(n_u), np.zeros(1)
 
 
-def _room(
-    task: Task, ends: np.ndarray, shifts: Matrix, n_y: int, gains: np.ndarray, offset: np.ndarray
-) -> tuple[Any, Any]:
+def _room(task: Task, ends: np.ndarray, how: tuple[Matrix, Any, Any], n_y: int) -> tuple[Any, Any]:
     """Return what the episode remembers, and where it writes what it finds."""
-    from ._compiled_run import KEPT
-
+    shifts, gains, offset = how
     N, m, n, n_u = len(ends) - 1, shifts.shape[1], len(task.x0), len(task.u0)
     most, given, rows = N + ceil(ends[-1] / task.dense_step) + 2, 2 * N + 1, (2 * N + 1) * (1 + n_u)
-    kept = np.full(KEPT, -1), np.empty((KEPT, n, n + m)), np.zeros(1, dtype=np.int64)
     memory = np.full(given, -inf), np.empty((given, n_u)), np.ones(1, dtype=np.int64)
     starts, states, acting = np.full(rows, -inf), np.empty((rows, n)), np.empty((rows, m))
     spans = starts, states, acting, np.zeros(rows, dtype=np.int64), np.ones(1, dtype=np.int64)
@@ -237,7 +236,7 @@ def _room(
     t[0], x[0], states[0], memory[1][0], acting[0] = 0.0, task.x0, task.x0, task.u0, shifts[0]
     acting[0, :n_u] = gains * (acting[0, :n_u] + task.u0) + offset
     steps = np.zeros(N, dtype=np.int64), np.empty((N, n_u)), np.zeros(N, dtype=bool), np.empty((N, n_y))
-    return (kept, memory, spans), (t, x, y, *steps)
+    return (memory, spans), (t, x, y, *steps)
 
 
 def _record(

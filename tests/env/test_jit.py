@@ -114,7 +114,8 @@ class Compiled(event.Listener):
 
 scenario = load(sys.argv[1])
 told = []
-compile_missing(told.append)
+if sys.argv[2] == "ahead":
+    compile_missing(told.append)
 event.register("numba:compile", Compiled())
 scenario.run(scenario.space.decode(np.full(len(scenario.space), 0.5)))
 print(json.dumps({"told": [t.words for t in told], "later": Compiled.names}))
@@ -126,10 +127,10 @@ def cache(tmp_path_factory):
     return tmp_path_factory.mktemp("cache")
 
 
-def compiled_in(scenario, cache):
+def compiled_in(scenario, cache, how="ahead"):
     environment = {"NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": ":".join(sys.path)}
     done = subprocess.run(
-        [sys.executable, "-c", COMPILES, scenario],
+        [sys.executable, "-c", COMPILES, scenario, how],
         capture_output=True,
         text=True,
         check=True,
@@ -149,6 +150,12 @@ def test_a_run_compiles_nothing_after_the_parts_that_were_told(cache):
     assert compiled_in("overtake", cache)["later"] == []
     for scenario in ("cstr", "overtake"):
         assert compiled_in(scenario, cache) == {"told": [], "later": []}
+
+
+@pytest.mark.parametrize("scenario", ["cstr", "servo"])
+def test_workers_compile_nothing_that_was_compiled_ahead(cache, scenario):
+    compiled_in(scenario, cache)
+    assert compiled_in(scenario, cache, "never")["later"] == []
 
 
 def test_a_loop_without_an_mpc_compiles_no_mpc(cache, tmp_path):

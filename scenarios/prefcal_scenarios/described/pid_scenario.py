@@ -3,6 +3,7 @@
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
@@ -83,7 +84,7 @@ def pid_scenario(
         for name, each in tunings.items()
     }
     if isinstance(plant, LinearPlant | FunctionPlant):
-        compile_ahead(__name__, of_compiled_runs)
+        compile_ahead(__name__, partial(of_compiled_runs, linear=isinstance(plant, LinearPlant)))
     return scenario_of_steps(
         plant,
         found,

@@ -1,5 +1,7 @@
 """A plant that PIDs control runs compiled, and does what it does in `rollout`."""
 
+from itertools import product
+
 import numba
 import numpy as np
 import pytest
@@ -318,10 +320,11 @@ def test_compiled_equations_run_as_in_python():
 
 
 def test_what_is_compiled_ahead_serves_every_run():
-    for seed in range(10):
+    for seed, plant_of in product(range(10), (random_plant, random_equations)):
         random = np.random.default_rng([seed, 7])
-        plant, task = random_task(random, random_plant(random))
+        plant, task = random_task(random, plant_of(random))
         compiled_run(PlantEnv(plant, task), random_controller(random, plant)(THETA), seed)
-    (kernel,) = of_compiled_runs()
-    kernel.function.compile(kernel.types)
-    assert len(kernel.function.signatures) == 1
+    for linear in (True, False):
+        (kernel,) = of_compiled_runs(linear=linear)
+        kernel.function.compile(kernel.types)
+    assert len(kernel.function.signatures) == 2
