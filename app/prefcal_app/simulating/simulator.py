@@ -377,10 +377,9 @@ class Simulator:
         """Number of simulations that failed."""
         self._batch = threading.Lock()  # held while a batch runs
         self._abandoned = False
-        self._times = RunTimes()
         self.varied = 0, 0
         """Numbers of perturbed runs that arrived, of all θ that are tried at a time, and that they need."""
-        self._told_at = 0.0
+        self._times, self._told_at = RunTimes(), 0.0
         self.tell: Callable[[], None] = lambda: None
         """Function that is called during a batch, twice a second, when there is progress."""
         self.failure = ""
