@@ -38,6 +38,15 @@ class StepSignal:
         return found
 
 
+def acts_at(when: float, samples: Float[np.ndarray, " N"]) -> float:
+    """Return when a change at the time `when` acts: at the first of the samples from there on.
+
+    A sample may lie a rounding error before the change. Without such a sample it is the time itself.
+    """
+    later = samples[samples >= when * (1 - 1e-9)]
+    return float(later[0]) if len(later) else when
+
+
 Vector = Float[np.ndarray, " _"]
 Signal = Vector | Callable[[float], Vector]  # a constant, shape (n,), or a function of time that returns one
 

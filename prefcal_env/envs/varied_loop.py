@@ -29,7 +29,7 @@ from prefcal_env.sources.varied import (
 from prefcal_env.units import conversion
 
 from .plant_env import dead_times, tracked_of
-from .task import Signal, StepSignal, Task
+from .task import Signal, StepSignal, Task, acts_at
 
 # --- The steady state of a varied plant: it starts where its controller had brought it.
 
@@ -551,8 +551,10 @@ class VariedLoop:
         return ", ".join(said)
 
     def _since(self, t: float, signal: Signal | None) -> str:
-        """Return in words from when on a signal changes; a function of time is only looked at."""
+        """Return in words from which sample on a signal changes; a function of time is only looked at."""
         about = "about " * (callable(signal) and not isinstance(signal, StepSignal))
+        if not about:
+            t = acts_at(t, np.arange(0.0, self.task.horizon, self.task.T_s))
         return f"at {about}{_in(t, Channel('', self.plant.time_unit))}" if t else "at the start"
 
     def _later(self, values: Values) -> float:

@@ -1,7 +1,7 @@
 """All that is said of the result of a study or of its open question, as one value."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -35,6 +35,7 @@ from .bank import ENOUGH, Stage
 
 _DIFFERS = 0.02  # share of what all differences count together below which that of a KPI is left out
 _NOTHING = 1e-9
+_SHARP = 0.1  # share of the drawn people, those who see most, who notice what is called a difference
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +49,7 @@ class Reason:
         worse_in: Names of those in which it is worse, likewise.
         kept: In a robust study, how many of `ENOUGH` perturbed runs keep the limits.
         against: How many of those of the best so far do.
+        noticed: Smallest difference of each KPI that one in ten of those people notices whom the answers fit.
     """
 
     chance: float
@@ -55,6 +57,7 @@ class Reason:
     worse_in: tuple[str, ...]
     kept: int | None = None
     against: int | None = None
+    noticed: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +99,7 @@ def reason_for(stage: Stage, new: int, best: int, history: History) -> Reason:
         float(chances(stage, best, history)[new]),
         tuple(names[kpi] for kpi in order if gains[kpi] > 0),
         tuple(names[kpi] for kpi in order if gains[kpi] < 0),
+        noticed=dict(zip(names, np.quantile(utilities.steps, _SHARP, axis=0).tolist(), strict=True)),
     )
 
 

@@ -32,7 +32,7 @@ from prefcal_app.session import Background, Interview, Phase, actions, unattende
 from prefcal_app.session.study import as_studied, is_simulating
 from prefcal_app.simulating import SimulationFile, Simulator, key_of, twin_of
 from prefcal_app.terminal import converse
-from prefcal_app.terminal.showing import say
+from prefcal_app.terminal.showing import Tenths, say
 from prefcal_env.compiling import Compiling
 from prefcal_env.errors import RecordError, RunError, SettingsError, SimulationError, StaleError, StudyError
 from prefcal_env.study import State, StudyFile, study_path
@@ -594,6 +594,7 @@ def _answer_all(work: Calibration, ctrl_c: Interruption) -> None:
     calibrator = make_calibrator(work.options, interview.scenario)
     with _Display(work) as display:
         display.compared(len(interview.past.comparisons()))
+        interview.simulating = display.simulating
         interview.prepare(display.compiling)
         ctrl_c.check()  # a press while something is compiled is swallowed there, and simulations take long
         for _ in unattended(interview, calibrator, display.running, work.say):
@@ -609,6 +610,7 @@ class _Display(Progress):
     def __init__(self, work: Calibration) -> None:
         self._interview = work.interview
         self._rows = {"θ now": "none yet", "best θ": "none yet", "verdicts": ""}
+        self._tenths, self._is_still = Tenths(), not work.messages.is_terminal
         super().__init__(
             TextColumn("[bold]{task.description}"),
             BarColumn(bar_width=None),
@@ -629,7 +631,7 @@ class _Display(Progress):
             best = theta_text(self._interview.scenario.space, theta)
             rows["best θ"] = f"{best} (experiment {now.incumbent + 1})"
         if (simulated := self._interview.known.simulated) is not None:
-            rows["unseen"] = simulated.line
+            rows["unseen"] = simulated.going_on or simulated.line
             rows |= {"failed": simulated.failure} if simulated.failure else {}
         elif (running := now.running) > 1:
             rows["at once"] = f"{running} experiments are running"
@@ -639,9 +641,15 @@ class _Display(Progress):
 
     def compiling(self, part: Compiling) -> None:
         """Show what is being compiled; without a live display, print it once."""
-        if not self.console.is_terminal and self._rows["θ now"] == "none yet":
+        if self._is_still and self._rows["θ now"] == "none yet":
             say(self.console, part.words)
         self._rows["θ now"] = part.words
+
+    def simulating(self) -> None:
+        """Say how far the runs of a robust study are if there is no live display, where they take long."""
+        found = self._interview.known.simulated
+        if found is not None and found.pace and self._tenths.passed(*found.varied) and self._is_still:
+            say(self.console, found.going_on)
 
     def running(self, theta: Float[np.ndarray, " n"]) -> None:
         """Show the θ that is running."""

@@ -18,7 +18,7 @@ from prefcal_app.looking.look import run_from
 from prefcal_app.looking.pair import NamedRun
 from prefcal_app.report.export import export_controller, holds
 from prefcal_app.report.verifying import judge, picture, verify_best, written_beside
-from prefcal_app.terminal.showing import ask_line, say, show_kpis
+from prefcal_app.terminal.showing import Tenths, ask_line, say, show_kpis
 from prefcal_env.errors import SettingsError
 from prefcal_env.study import study_path
 from prefcal_env.tables import TableColumns
@@ -178,7 +178,7 @@ def _bars() -> Iterator[Progress]:
     times = bar.TimeElapsedColumn(), bar.TimeRemainingColumn()
     console = Console(stderr=True, emoji=False)
     display = bar.Progress(*columns, *times, console=console, disable=not console.is_terminal)
-    planned = 0
+    planned, tenths = 0, Tenths()
 
     def tell(arrived: int, total: int | None) -> None:
         nonlocal planned
@@ -191,7 +191,7 @@ def _bars() -> Iterator[Progress]:
             display.add_task("task as stated, other tunings")
         before = planned * further
         done, of = arrived - before, (total or 0) - before
-        if display.disable and 10 * done // max(of, 1) > 10 * display.tasks[-1].completed // max(of, 1):
+        if tenths.passed(done, of) and display.disable:
             say(console, f"{display.tasks[-1].description}: {done} of {of}")
         display.update(display.task_ids[-1], completed=done, total=of)
 

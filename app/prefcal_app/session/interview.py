@@ -328,7 +328,8 @@ def simulated(driver: Driver) -> SimulationCounts | None:
     # Equal θ run once: where nothing is simulated any more, fewer than that were.
     twin, due = driver.thoughts.twin is not None, agent.due if simulator.busy else 0
     why = simulator.failure if failed else ""
-    return SimulationCounts(count, planned, failed, shown, twin, due, simulator.seconds, why)
+    seconds, varied = simulator.seconds, simulator.varied
+    return SimulationCounts(count, planned, failed, shown, twin, due, seconds, varied, why)
 
 
 class Past:
@@ -436,6 +437,8 @@ class Interview:
         self._preparing: Compiling | None = None
         self._seen: Now | None = None
         self._idle_at: int | None = None
+        self.simulating: Callable[[], None] = lambda: None
+        """Function that is called twice a second while something is simulated that people wait for."""
         if asks:
             with suppress(LiveError):  # before values are restored, this is tried again, and said
                 self._driver.settle()
@@ -608,6 +611,7 @@ class Interview:
         with driver.changing():
             if driver.phase is Phase.RUNNING or driver.thoughts.screened is None:
                 driver.version += 1
+                self.simulating()
 
 
 def _simulator(scenario: Scenario, file: StudyFile) -> Simulator | None:

@@ -240,8 +240,9 @@ class SimulationCounts:
     shown: int  # number of experiments that were shown or are on show
     twin: bool = False  # whether θ are simulated on a twin of the plant that runs what is shown
     due: int = 0  # number of θ to simulate before the next question; 0 if nothing is simulated now
-    # About how long the runs of a question of a robust study take; 0 if that is not known
+    # About how long the perturbed runs of a tuning that holds take; 0 if not known, or if there are none
     seconds: float = 0.0
+    varied: tuple[int, int] = (0, 0)  # numbers of perturbed runs that arrived, and of all that are due now
     failure: str = ""  # θ of the last simulation that failed, and why; empty if none has, or not known
 
     @property
@@ -250,16 +251,22 @@ class SimulationCounts:
         if self.seconds < _SOON:
             return ""
         about = in_time(float(5 * round(self.seconds / 5) if self.seconds > 10 else round(self.seconds)))
-        longer = "one near the end can take several times as long"
         return (
-            f"Each question takes about {about}, since each new tuning is tried on {ENOUGH} plants; {longer}."
+            f"A question takes about {about} if the first tuning that is tried on {ENOUGH} plants holds "
+            "there, and can take several times as long if not."
         )
+
+    @property
+    def progress(self) -> tuple[int, int]:
+        """Return how much of what is simulated now is there, and all of it; zeros if that is nothing."""
+        return (self.simulated, self.due) if self.simulated < self.due else self.varied
 
     @property
     def going_on(self) -> str:
         """Return what is simulated for the next question: "120 of 280 simulated"; empty if all."""
-        where = " on the twin" if self.twin else ""
-        return "" if self.simulated >= self.due else f"{self.simulated} of {self.due} simulated{where}"
+        done, total = self.progress
+        what = "simulated" if self.simulated < self.due else "varied runs"
+        return f"{done} of {total} {what}{' on the twin' if self.twin else ''}" if total else ""
 
     @property
     def line(self) -> str:
@@ -283,7 +290,7 @@ class RunTimes:
     """How long a run takes: the time between runs that arrive, whatever number of workers they come from."""
 
     def __init__(self) -> None:
-        self._seconds, self._runs, self._since = 0.0, 0, nan
+        self._seconds, self._runs, self._since = 0.0, 0.0, nan
 
     def begin(self) -> None:
         """Begin a batch: what is before its first run is no pace."""
@@ -292,7 +299,9 @@ class RunTimes:
     def arrived(self, runs: int, now: float) -> None:
         """Count runs that arrive at a time, in s."""
         if now >= self._since:
-            self._seconds, self._runs = self._seconds + now - self._since, self._runs + runs
+            # What was long ago counts less: the machine may have become busier meanwhile.
+            part = 0.5 if self._runs >= ENOUGH else 1.0
+            self._seconds, self._runs = part * self._seconds + now - self._since, part * self._runs + runs
         self._since = now
 
     @property
@@ -306,7 +315,6 @@ _MOST = 8  # largest number of workers unless more are asked for: each takes 100
 _ENDING = 1.0  # seconds to wait for an abandoned batch before its workers are killed
 _MEASURED = 20  # number of runs from which their pace counts
 _SOON = 3.0  # seconds of a question of which nothing is said
-_RUNS = 1.25 * ENOUGH  # runs of a question: those of its θ, of others that do not hold, and nominal ones
 
 Theta = Float[np.ndarray, " n"]
 
@@ -369,8 +377,9 @@ class Simulator:
         """Number of simulations that failed."""
         self._batch = threading.Lock()  # held while a batch runs
         self._abandoned = False
-        self._times = {nominal: RunTimes() for nominal in (True, False)}
-        self._told_at = 0.0
+        self.varied = 0, 0
+        """Numbers of perturbed runs that arrived, of all θ that are tried at a time, and that they need."""
+        self._times, self._told_at = RunTimes(), 0.0
         self.tell: Callable[[], None] = lambda: None
         """Function that is called during a batch, twice a second, when there is progress."""
         self.failure = ""
@@ -389,12 +398,8 @@ class Simulator:
 
     @property
     def seconds(self) -> float:
-        """Return about how long the runs of a question take; 0 if not known, or if the study is not robust.
-
-        Until perturbed runs are measured, they count as much as nominal ones.
-        """
-        each = self._times[False].seconds or self._times[True].seconds
-        return 0.0 if self.holds is None else _RUNS * each
+        """Return about how long the perturbed runs of a θ that holds take, measured; 0 if not known."""
+        return ENOUGH * self._times.seconds
 
     def start(self) -> None:
         """Start the workers, which then load the scenario while something else is done.
@@ -418,13 +423,27 @@ class Simulator:
         with self._batch:
             keys = theta_keys(np.array(thetas, dtype=float)) if len(thetas) else []
             new = {key: t for key, t in zip(keys, thetas, strict=True) if key not in self._known}
-            for pace in self._times.values():
-                pace.begin()
-            if self._pool is None:
-                self._here(list(new.values()))
-            elif new:
-                self._in(self._pool, new)
+            self._times.begin()
+            self.varied = self._due(list(new.values()))
+            try:
+                if self._pool is None:
+                    self._here(list(new.values()))
+                elif new:
+                    self._in(self._pool, new)
+            finally:
+                self.varied = 0, 0
             return [self._known[key] for key in keys]
+
+    def _due(self, new: Sequence[Theta]) -> tuple[int, int]:
+        """Return how many perturbed runs of the θ in a batch are there, and how many they need in all.
+
+        One that is tried alone goes on until the last run, unless it does not hold; several stop to be
+        compared.
+        """
+        n = len(self.scenario.space)
+        last = max((int(theta[n]) for theta in new if len(theta) > n), default=0)
+        tried = len({theta[:n].tobytes() for theta in new}) if last else 0
+        return tried * last - len(new) * bool(last), tried * (ENOUGH if tried == 1 else last)
 
     def _is_nominal(self, key: bytes) -> bool:
         """Return whether a key is that of a θ, and not that of a perturbed run."""
@@ -498,11 +517,12 @@ class Simulator:
         known = all_screened(self.scenario, [result for _, result in arrived])
         self._known.update(zip(keys, known, strict=True))
         nominal = self._is_nominal(keys[0])
-        if self.holds is not None:  # else nobody is told
-            self._times[nominal].arrived(len(keys), time.monotonic())
         if nominal:
             self.count += len(keys)
             self.failed += sum(map(not_, known))
+        else:
+            self._times.arrived(len(keys), time.monotonic())
+            self.varied = self.varied[0] + len(keys), self.varied[1]
         for (theta, result), kpis in zip(arrived, known, strict=True):
             again = False
             if isinstance(result, FailedRun):

@@ -46,10 +46,11 @@ def percent(chance: float) -> str:
 def as_shown(reason: Reason, scenario: Scenario, new: Experiment, best: Experiment) -> Reason:
     """Return the reason with only what people can read off the two experiments.
 
-    KPIs that read the same on both sides are left out, and those whose difference is smaller than
-    the noise. If the agent names no others, those that differ are named in the order of the scenario.
+    KPIs that read the same on both sides are left out, and those whose difference hardly anybody sees: it
+    is below what people notice, or the noise, or one sample. What only one side's objective rejects is seen.
+    If the agent names no others, those that differ are named in the order of the scenario.
     """
-    gains = dict(_gains(scenario, new, best))
+    gains = dict(_gains(scenario, new, best, reason.noticed))
     if not gains:  # the scenario states no KPI with a direction
         return reason
     named = (*reason.better_in, *reason.worse_in)
@@ -58,27 +59,34 @@ def as_shown(reason: Reason, scenario: Scenario, new: Experiment, best: Experime
     return replace(reason, better_in=tuple(better), worse_in=tuple(worse))
 
 
-def _gains(scenario: Scenario, new: Experiment, best: Experiment) -> Iterator[tuple[str, int]]:
+def _gains(
+    scenario: Scenario, new: Experiment, best: Experiment, noticed: Mapping[str, float]
+) -> Iterator[tuple[str, int]]:
     """Yield each KPI with 1 if `new` reads better, -1 if it reads worse, else 0."""
-    hidden = _noise_in_kpis(scenario, best)
+    hidden = _hidden_in_kpis(scenario, best)
     for kpi in (*scenario.shown_kpis, *(kpi for kpi in scenario.kpis if kpi.of)):
         of = kpi.of or kpi.name
         if kpi.goal is not None and of in new.kpis and of in best.kpis:
             ours, theirs = (kpi.judged(float(e.kpis[of])) for e in (new, best))
-            if abs(ours - theirs) < hidden.get(of, 0.0):
+            alike = abs(ours - theirs) < max(hidden.get(of, 0.0), noticed.get(of, 0.0))
+            if alike and kpi.met_by(new) == kpi.met_by(best):
                 ours = theirs
             # Of an unknown direction it is only said which of the two is higher.
             yield kpi.name, (ours < theirs) - (ours > theirs and not kpi.of)
 
 
-def _noise_in_kpis(scenario: Scenario, run: Experiment) -> dict[str, float]:
+def _hidden_in_kpis(scenario: Scenario, run: Experiment) -> dict[str, float]:
     """Return the noise of outputs in the units of those KPIs that are read off one: overshoots and errors.
 
-    It is that of the task or, of an identified plant, of its record: a standard deviation.
+    It is that of the task or, of an identified plant, of its record: a standard deviation. What hides a
+    difference of times is the distance of samples.
     """
-    noise = _noise(scenario, len(run.channels.y))
+    noise, time = _noise(scenario, len(run.channels.y)), run.channels.time_unit
     found, inputs = dict[str, float](), {channel.unit for channel in run.channels.u}
+    sample = 1.001 * float(np.median(np.diff(run.t))) if len(run.t) > 1 else 0.0  # one sample is not seen
     for kpi in scenario.kpis:
+        if time and kpi.unit == time:
+            found[kpi.name] = sample
         for i, y in enumerate(run.channels.y):
             of = re.search(rf"(?<!\w){re.escape(y.name)}(?!\w)", kpi.title) is not None
             named = of or (len(noise) == 1 and kpi.unit not in inputs)

@@ -13,6 +13,7 @@ from rich.console import Console
 
 from prefcal_app.session import Choice, Interview, Now, Phase, actions
 from prefcal_app.session.study import ENOUGH, GOOD_ENOUGH, UNSAFE, PlantNow, Recovery, TrialNow
+from prefcal_app.simulating import SimulationCounts
 from prefcal_app.summary import kept_on_plant, kept_text
 from prefcal_app.view import Seen, brief_view, history_view, now_view, preview_view, status_view, trial_view
 from prefcal_env.errors import PrefcalError, StaleError
@@ -23,6 +24,7 @@ from prefcal_scenarios.wording import theta_text, with_unit
 
 from .showing import (
     END,
+    Tenths,
     ask_line,
     say,
     show_brief,
@@ -72,6 +74,7 @@ class _Conversation:
     seen: Seen = field(default_factory=Seen)
     compiles: bool = False
     paced: bool = False  # whether it was said how long a question takes
+    tenths: Tenths = field(default_factory=Tenths)
     dialed: tuple[float, ...] | None = None
     missing: object = None  # where it was last said that the plant lacks its old values
     typed: Callable[[], str | None] = typed
@@ -175,15 +178,23 @@ class _Conversation:
                 if now.preparing is not None and not (self.console.is_terminal or self.compiles):
                     self.compiles = True
                     self._say(now.preparing.words)
-                if now.simulated is not None and now.simulated.pace and not self.paced:
-                    self.paced = True
-                    self._say(now.simulated.pace)
+                self._tell_pace(now.simulated)
                 status.update(_waiting(now))
                 asked = self.typed() == "k" and "stop_run" in now.can
                 if asked and now.pending is not None:
                     with suppress(StaleError):  # the run has just ended
                         self.interview.do(actions.StopRun(now.pending.index))
                 now = self.interview.wait(now.version, _LOOK)
+
+    def _tell_pace(self, found: SimulationCounts | None) -> None:
+        """Say once how long questions of a robust study take and, without animation, how far its runs are."""
+        if found is None or not found.pace:
+            return
+        if not self.paced:
+            self.paced = True
+            self._say(found.pace)
+        if self.tenths.passed(*found.varied) and not self.console.is_terminal:
+            self._say(found.going_on)
 
     def _one(self, now: Now) -> bool:
         """Take one step with the person; return False if they stop."""

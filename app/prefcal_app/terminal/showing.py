@@ -4,6 +4,7 @@ import os
 import select
 import sys
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from math import isinf, isnan
 from typing import Any
 
@@ -128,6 +129,18 @@ KEYS = (
     ("?", "the task, and these answers"),
 )
 """What can be answered, and what it means."""
+
+
+@dataclass(slots=True)
+class Tenths:
+    """Which progress is said where no bar can move, as in a log: each tenth, once."""
+
+    told: int = 0  # number of tenths that were said
+
+    def passed(self, done: int, total: int) -> bool:
+        """Return whether another tenth is done than at the last call."""
+        before, self.told = self.told, 10 * done // max(total, 1)
+        return self.told > before
 
 
 def say(console: Console, *lines: str, style: str | None = None) -> None:

@@ -166,7 +166,8 @@ def simulated_view(now: Now) -> dict[str, Any] | None:
     found = now.simulated
     if found is None:
         return None
-    return {**asdict(found), "line": found.line, "going_on": found.going_on, "pace": found.pace}
+    said = {"line": found.line, "going_on": found.going_on, "pace": found.pace, "progress": found.progress}
+    return {**asdict(found), **said}
 
 
 def _pending(interview: Interview, now: Now, *, blind: bool) -> Any:

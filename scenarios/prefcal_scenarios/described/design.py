@@ -13,6 +13,7 @@ from scipy.linalg import eigvals
 from prefcal_env.controllers.margins import minimal
 from prefcal_env.controllers.pid import ProcessModel, Tuning
 from prefcal_env.envs.plant_env import dead_times
+from prefcal_env.envs.task import acts_at
 from prefcal_env.envs.varied_loop import rest
 from prefcal_env.errors import PlantError, ScenarioError
 from prefcal_env.experiments.experiment import Channel
@@ -394,6 +395,15 @@ class Design:
     def phase(self) -> float:
         """Duration of each phase: one step for each loop, then the loads."""
         return max(loop.phase for loop in self.loops)
+
+    def acts(self, k: int, samples: Float[np.ndarray, " N"] | None = None) -> float:
+        """Return when step k acts, or after the last one the loads: at the first sample from k phases on.
+
+        Without the samples of a run, they are those of one whose periods have one length.
+        """
+        if samples is None:
+            samples = np.arange(0.0, (len(self.loops) + 1) * self.phase, self.T_s)
+        return acts_at(k * self.phase, samples)
 
     def around(self, plant: Plant, x: X, u: U, d: D) -> "Design":
         """Return the same choices for another plant, linearized where it starts."""

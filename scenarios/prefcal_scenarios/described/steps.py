@@ -13,7 +13,7 @@ from jaxtyping import Float
 from prefcal_env.controllers.stored import as_data
 from prefcal_env.envs.closed_loop import ClosedLoop
 from prefcal_env.envs.plant_env import PlantEnv, delays_of
-from prefcal_env.envs.task import StepSignal, Task
+from prefcal_env.envs.task import StepSignal, Task, acts_at
 from prefcal_env.envs.varied_loop import at_target, sample_of
 from prefcal_env.errors import PlantError, ScenarioError
 from prefcal_env.experiments.events import staying_time
@@ -97,20 +97,20 @@ class Measure:
 
     def _values(self, e: Experiment, loop: Single, k: int) -> dict[str, float]:
         """Return the values of loop k, whose step is after k phases; then the loads come."""
-        y, t, phase = e.output(loop.output), e.t, self.design.phase
+        y, t, phase, last = e.output(loop.output), e.t, self.design.phase, len(self.design.loops)
         assert y is not None
-        loads = len(self.design.loops) * phase
-        own, late = (t >= k * phase) & (t < (k + 1) * phase), t >= loads
+        start, end, loads = (self.design.acts(n, e.t_control) for n in (k, k + 1, last))
+        own, late = (t >= start) & (t < end), t >= loads
         error = (y - loop.target) / loop.step
         arrived = bool(np.all(np.abs(error[~late][-1:]) <= _BAND))  # or a load may seem to help
         peak = abs(loop.step) * float(np.abs(error[late]).max()) if late.any() else np.inf
         rest = self.design.point.u[loop.input]  # the first move starts there
         moves = np.diff(e.u_control[:, loop.input], prepend=rest)
         return {
-            "settling_time": _until(t, error, own, k * phase, (k + 1) * phase),
+            "settling_time": _until(t, error, own, start, (k + 1) * phase),
             "overshoot": 100 * max(float(error[own].max(initial=0.0)), 0.0),
             "disturbance_peak": peak,
-            "recovery": _until(t, error, late, loads, loads + phase) if arrived else np.inf,
+            "recovery": _until(t, error, late, loads, (last + 1) * phase) if arrived else np.inf,
             "total_move": float(np.abs(moves).sum()),
         }
 
@@ -213,7 +213,7 @@ def marks_of(kpis: Sequence[KPI], run: Experiment, duration: float) -> list[Mark
         target, number = float(run.channels.y[outputs[output]].target or 0.0), kpi.name.rpartition("_")[2]
         step = target - float(values[0])
         start = len(outputs) if name == "recovery" else int(number) - 1 if number.isdigit() else 0
-        first, last = start * phase, (start + 1) * phase
+        first, last = (acts_at(n * phase, run.t_control) for n in (start, start + 1))
         if name == "overshoot":
             limit = target + kpi.at_most / 100 * step
             found.append(Mark(output, limit, limit, first, last))
@@ -448,15 +448,15 @@ def _assumed_limits(plant: Plant, inputs: Sequence[Channel]) -> Iterator[str]:
 
 def _brief(plant: Plant, design: Design, assumed: Sequence[str]) -> str:
     """Return the brief: steps, loads, what was assumed, and what to judge by."""
-    time, phase, said = plant.time_unit, design.phase, list[str]()
+    time, said = plant.time_unit, list[str]()
     for k, loop in enumerate(design.loops):
-        y, when = plant.outputs[loop.output], f"at {k * phase:.4g} {time}" if k else "at the start"
+        y, when = plant.outputs[loop.output], f"at {design.acts(k):.4g} {time}" if k else "at the start"
         target = f"{loop.target:.4g} {y.unit}".rstrip()
         said.append(f"The reference of {y.name} steps from {loop.start:.4g} to {target} {when}.")
     loads = [(f"{p.load:g} {p.channel.unit}".rstrip(), p.channel.name) for p in design.loops]
     acting = ", ".join(f"{load} on {name}" for load, name in loads)
     behind = " The dead time of the input does not delay it." if any(delays_of(plant)[0]) else ""
-    said.append(f"From {len(design.loops) * phase:.4g} {time} on, a load acts: {acting}.{behind}")
+    said.append(f"From {design.acts(len(design.loops)):.4g} {time} on, a load acts: {acting}.{behind}")
     said.append(f"The controller moves every {design.T_s:g} {time}.")
     said += assumed
     for loop in design.loops:

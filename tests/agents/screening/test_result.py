@@ -80,6 +80,13 @@ def test_a_pair_is_described_by_the_kpis_that_differ_and_no_others():
     assert (back.better_in, back.worse_in) == (reason.worse_in, reason.better_in)
 
 
+def test_a_difference_counts_from_where_one_in_ten_of_the_drawn_people_notices_it():
+    stage = staged()
+    reason = reason_for(stage, 0, 1, History())
+    for name, steps in zip(stage.scale.names, stage.utilities.steps.T, strict=True):
+        assert np.mean(steps < reason.noticed[name]) == pytest.approx(0.1, abs=0.01)
+
+
 def test_an_experiment_compared_with_itself_is_better_in_nothing():
     stage = staged()
     reason = reason_for(stage, 4, 4, History())

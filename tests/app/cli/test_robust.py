@@ -1,6 +1,7 @@
 """`--robust`: a study shows what holds on other plants, says so at the end, and resumes."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -30,6 +31,16 @@ def test_a_robust_study_says_how_its_result_holds_and_what_that_costs(done, pref
     assert configuration["options"]["robust"] is True
     words = ["calibrate", "lag", "--study", "mine", "--json", "--out", "out", "--n-max", "4"]
     assert json.loads(done(*words))["experiments"] == 4
+
+
+def test_where_no_bar_moves_a_robust_study_says_how_far_its_runs_are(monkeypatch, prefcal):
+    for name in ("_TELL", "_SOON"):
+        monkeypatch.setattr(f"prefcal_app.simulating.simulator.{name}", 0.0)
+    code, out, err = prefcal("calibrate", "lag", *FEW, "--robust")
+    assert code == 0, err
+    lines = [int(done) for done in re.findall(r"^(\d+) of 300 varied runs$", out + err, re.MULTILINE)]
+    assert len(lines) >= 5
+    assert all(0 < done <= 300 for done in lines)
 
 
 def test_what_cannot_be_varied_is_refused_with_what_to_add(refused):

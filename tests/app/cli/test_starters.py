@@ -54,6 +54,12 @@ def test_a_starter_is_at_most_30_lines(kind):
     assert max(map(len, lines)) <= 100
 
 
+def test_the_first_experiment_of_the_starter_with_a_pid_hardly_overshoots(prefcal):
+    assert prefcal("new", "pid", "tank.py")[0] == 0
+    tank = load('pid {"plant": "tank.py:plant"}')
+    assert tank.run(tank.references["MIGO"]).kpis["overshoot"] < 10
+
+
 def test_a_file_is_never_replaced(refused, tmp_path):
     (tmp_path / "rig.toml").write_text("mine")
     assert "exists: give another name" in refused("new", "rig")

@@ -121,14 +121,30 @@ def test_a_robust_study_says_how_long_a_question_takes_once_runs_are_measured(mo
     scenario = load("lag")
     thetas = list(scenario.space.decode_all(np.random.default_rng(1).random((25, len(scenario.space)))))
     robust, usual = (Simulator(scenario, jobs=0, robust=one) for one in (True, False))
-    robust.many(thetas[:10])
-    assert robust.seconds == 0.0  # too few
     robust.many(thetas)
     usual.many(thetas)
-    assert robust.seconds == pytest.approx(375 * 0.2, rel=0.1)
-    assert usual.seconds == 0.0
-    robust.holds(thetas[:1], range(1, 33))
-    assert robust.seconds == pytest.approx(375 * 0.2, rel=0.1)
+    assert robust.seconds == usual.seconds == 0.0  # of the varied runs nothing is known yet
+    robust.holds(thetas[:1], range(1, 11))
+    assert robust.seconds == 0.0  # too few
+    robust.holds(thetas[:1], range(11, 33))
+    assert robust.seconds == pytest.approx(300 * 0.2, rel=0.1)
+
+
+def test_how_far_varied_runs_are_is_told_of_what_a_tuning_alone_or_several_together_need(monkeypatch):
+    monkeypatch.setattr("prefcal_app.simulating.simulator._TELL", 0.0)
+    scenario, told = load("lag"), list[tuple[int, int]]()
+    thetas = list(scenario.space.decode_all(np.random.default_rng(1).random((2, len(scenario.space)))))
+    simulator = Simulator(scenario, jobs=0, robust=True)
+    simulator.many(thetas)
+    assert simulator.varied == (0, 0)
+    simulator.tell = lambda: told.append(simulator.varied)
+    for runs in (range(1, 3), range(3, 5)):
+        simulator.holds(thetas[:1], runs)
+    assert told == [(0, 300), (1, 300), (2, 300), (3, 300)]  # it goes on to the last one while it holds
+    told.clear()
+    simulator.holds(thetas, range(5, 7))
+    assert told == [(8, 12), (9, 12), (10, 12), (11, 12)]
+    assert simulator.varied == (0, 0)
 
 
 def test_a_pause_between_batches_is_no_pace():
@@ -140,13 +156,22 @@ def test_a_pause_between_batches_is_no_pace():
     assert pace.seconds == pytest.approx(0.5)
 
 
+def test_a_machine_that_becomes_busier_is_followed():
+    pace, now = RunTimes(), 0.0
+    for seconds in (0.1, 0.5):
+        for _ in range(1500):
+            now += seconds
+            pace.arrived(1, now)
+    assert pace.seconds == pytest.approx(0.5, rel=0.1)
+
+
 @pytest.mark.parametrize(
     ("seconds", "about"), [(2.9, None), (3.4, "3 s"), (23.0, "25 s"), (118.0, "2 min"), (0.0, None)]
 )
 def test_what_hardly_takes_time_is_not_said(seconds, about):
     said = (
-        f"Each question takes about {about}, since each new tuning is tried on 300 plants; one near the end "
-        "can take several times as long."
+        f"A question takes about {about} if the first tuning that is tried on 300 plants holds there, and "
+        "can take several times as long if not."
     )
     assert SimulationCounts(0, 1000, 0, 0, seconds=seconds).pace == (said if about else "")
 

@@ -94,6 +94,35 @@ def test_what_noise_hides_is_no_reason():
     assert named == {0.9: ((), ()), 1.1: (("disturbance_peak",), ("overshoot",))}
 
 
+def test_a_difference_that_hardly_anybody_notices_is_not_named():
+    best = ran(t_f=4.0, final=1.9)
+    for t_f, named in ((3.1, ()), (2.9, ("t_f",))):
+        reason = Reason(0.5, ("t_f",), (), noticed={"t_f": 1.0})
+        found = as_shown(reason, toy, ran(t_f=t_f, final=1.9), best)
+        assert (found.better_in, found.worse_in) == (named, ())
+    alike = as_shown(reason, toy, ran(t_f=3.1, final=1.9), best)
+    assert "has about the KPIs of the best so far" in why(alike, toy)
+
+
+def test_a_small_difference_beyond_an_objective_is_named():
+    limited = replace(toy, kpis=tuple(replace(k, at_most=4.0) if k.name == "t_f" else k for k in toy.kpis))
+    reason = Reason(0.5, ("t_f",), (), noticed={"t_f": 0.1})
+    found = as_shown(reason, limited, ran(t_f=3.99, final=1.9), ran(t_f=4.01, final=1.9))
+    assert found.better_in == ("t_f",)
+    assert as_shown(reason, limited, ran(t_f=3.97, final=1.9), ran(t_f=3.99, final=1.9)).better_in == ()
+
+
+def test_times_that_differ_by_one_sample_are_not_named():
+    lag = load("lag")
+    best = lag.run(lag.space.decode(np.full(len(lag.space), 0.5)))
+    sample = float(best.t[1] - best.t[0])
+    reason = Reason(0.5, ("settling_time",), ())
+    for samples, named in ((1, ()), (2, ("settling_time",))):
+        new = best.with_kpis({**best.kpis, "settling_time": 40.0})
+        old = best.with_kpis({**best.kpis, "settling_time": 40.0 + samples * sample})
+        assert as_shown(reason, lag, new, old).better_in == named
+
+
 def test_what_differs_is_named_though_it_hardly_matters_to_the_model():
     new, best = ran(t_f=4.0, final=2.0), ran(t_f=5.0, final=2.0)
     assert as_shown(Reason(0.5, (), ()), toy, new, best).better_in == ("t_f",)

@@ -2,12 +2,14 @@
 
 import json
 from functools import partial
+from io import StringIO
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from prefcal_agents.screening.agent import Screening
-from prefcal_app.terminal.converse import _waiting
+from prefcal_app.terminal.converse import _Conversation, _waiting
 from prefcal_app.view import now_view, status_view
 from support.interviews import begin, proceed
 from support.talking import talk
@@ -48,17 +50,37 @@ def test_the_terminal_tells_while_it_waits_and_in_the_status(interview):
     assert out.count("Question 1 of 3") == 1  # not once more for each simulation
 
 
+def measured_as(interview, seconds):
+    """Let varied runs count as measured, so many seconds each."""
+    pace = interview._driver.thoughts.simulator._times
+    pace.begin()
+    for k in range(21):
+        pace.arrived(1, seconds * k)
+
+
+def test_a_log_has_a_line_for_each_tenth_of_the_varied_runs_that_take_long(interview):
+    simulator, console = interview._driver.thoughts.simulator, Console(file=StringIO(), width=200)
+    conversation = _Conversation(interview, console, lambda words: "x")
+    simulator.varied = 290, 300
+    assert interview.now().simulated.going_on == "290 of 300 varied runs"
+    conversation._tell_pace(interview.now().simulated)
+    assert console.file.getvalue() == ""  # not measured: nobody waits long
+    measured_as(interview, 0.1)
+    for done in (0, 29, 30, 31, 59, 60, 300):
+        simulator.varied = done, 300
+        conversation._tell_pace(interview.known.simulated)
+    _, *lines = console.file.getvalue().splitlines()
+    assert lines == [f"{done} of 300 varied runs" for done in (30, 60, 300)]
+
+
 def test_how_long_a_question_takes_is_said_once_in_the_terminal_and_on_the_page(interview):
     interview._driver.thoughts.simulator.holds = lambda thetas, runs: np.ones(
         (len(thetas), len(runs)), dtype=bool
     )
-    for pace in interview._driver.thoughts.simulator._times.values():
-        pace.begin()
-        for k in range(21):
-            pace.arrived(1, 0.1 * k)
+    measured_as(interview, 0.1)
     said = (
-        "Each question takes about 40 s, since each new tuning is tried on 300 plants; one near the end "
-        "can take several times as long."
+        "A question takes about 30 s if the first tuning that is tried on 300 plants holds there, and can "
+        "take several times as long if not."
     )
     assert now_view(interview)["simulated"]["pace"] == said
     out = " ".join(talk(interview, "<<x").split())

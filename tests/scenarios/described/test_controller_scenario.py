@@ -10,8 +10,9 @@ from scipy import signal
 from prefcal_app import load_controller
 from prefcal_env import LQG, LQR, Channel, End, FunctionPlant, Knob, Move, PlantEnv, Task, rollout
 from prefcal_env.controllers import as_data
-from prefcal_env.envs.varied_loop import LAG
+from prefcal_env.envs.varied_loop import LAG, LOAD
 from prefcal_env.errors import ScenarioError
+from prefcal_env.experiments.events import staying_time
 from prefcal_env.plants.plant import Plant
 from prefcal_env.plants.systems import system_of
 from prefcal_env.sources.source import env_of
@@ -451,6 +452,55 @@ def test_an_output_that_never_leaves_its_band_needs_no_time_to_recover():
     assert (kpis["settling_time"], kpis["recovery"]) == (0.0, 0.0)
 
 
+def loaded_from(run, source):
+    """Return the first sample of a run at which a load acts, and the last one before."""
+    task = source.loop.task
+    loaded = [bool(np.any(task.disturbance(t) != task.disturbance(0.0))) for t in run.t_control.tolist()]
+    first = int(np.argmax(loaded))
+    return float(run.t_control[first]), float(run.t_control[first - 1])
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.4])
+@pytest.mark.parametrize("name", ["dead time", "negative gain", "oscillating"])
+def test_a_load_is_counted_from_the_sample_at_which_it_acts(name, jitter):
+    plant, scenario = PLANTS[name], pid_scenario(PLANTS[name])
+    design, varied = scenario.run.kpis.design, scenario.source.varied()
+    theta = scenario.references["MIGO"]
+    run = varied.at({"sampling jitter": jitter} if jitter else {})(theta)
+    acts, before = loaded_from(run, varied)
+    assert before < design.phase * (1 - 1e-9) <= acts  # what the task states lies between the two
+    assert design.acts(1, run.t_control) == acts
+    late, loop = run.t >= acts, design.loops[0]
+    arrives = staying_time(run.t[late], (run.output(0)[late] - loop.target) / loop.step, 0.05)
+    assert run.kpis["recovery"] == pytest.approx(arrives - acts)
+    if not jitter:
+        assert f"From {acts:.4g} {plant.time_unit} on, a load acts" in scenario.brief
+        assert design.acts(1) == pytest.approx(acts, rel=1e-12)
+        told = next(factor.told for factor in varied.factors if factor.name == LOAD)
+        assert told.endswith(f"at {acts:.4g} {plant.time_unit}".rstrip())
+        (recovery,) = (kpi for kpi in scenario.kpis if kpi.name == "recovery")
+        due = marks_of([replace(recovery, at_most=design.T_s)], run, 2 * design.phase)[-1]
+        assert due.first == pytest.approx(acts + design.T_s)
+
+
+def test_a_load_of_a_plant_whose_periods_do_not_divide_the_time_comes_at_the_next_one():
+    design = pid_scenario(PLANTS["dead time"]).run.kpis.design
+    assert (design.T_s, design.phase) == (1.0, pytest.approx(50.6))
+    assert design.acts(1) == 51.0
+
+
+def test_the_second_step_of_two_loops_is_said_and_counted_from_its_sample():
+    scenario = lqr_scenario(LQR_PLANTS["coupled, with dead times"])
+    run, design = scenario.run(scenario.references["middle"]), scenario.run.kpis.design
+    stepped = float(run.t_control[np.argmax(run.y_ref[:, design.loops[1].output] == design.loops[1].target)])
+    assert design.phase < stepped == pytest.approx(53.8)  # 53.68 is no multiple of 0.2
+    assert "at 53.8" in scenario.brief
+    own, loop = (run.t >= stepped) & (run.t < design.acts(2)), design.loops[1]
+    error = (run.output(loop.output)[own] - loop.target) / loop.step
+    arrives = staying_time(run.t[own], error, 0.05)
+    assert run.kpis["settling_time_2"] == pytest.approx(arrives - stepped)
+
+
 def test_stated_limits_have_their_place_in_a_picture():
     made = pid_scenario(PLANTS["lag with dead time"], reference={"T": 50.0})  # from 40
     limits = {"overshoot": 10.0, "settling_time": 60.0, "recovery": 1e6, "M_s": 2.0}
@@ -461,11 +511,11 @@ def test_stated_limits_have_their_place_in_a_picture():
     assert marks_of(kpis, run, 2 * phase) == [
         band,
         Mark("T", -np.inf, np.inf, 60.0, 60.0),
-        Mark("T", 51.0, 51.0, 0.0, phase),
+        Mark("T", 51.0, 51.0, 0.0, 128.0),  # the first sample from 127.6 s on, at which the load acts
     ]
     assert marks_of(made.kpis, run, 2 * phase) == []
     turned = made.source.varied().at({"direction": -1.0})(made.references["MIGO"])
-    assert Mark("T", 29.0, 29.0, 0.0, phase) in marks_of(kpis, turned, 2 * phase)
+    assert Mark("T", 29.0, 29.0, 0.0, 128.0) in marks_of(kpis, turned, 2 * phase)
 
 
 def test_the_brief_says_what_was_chosen():

@@ -38,7 +38,7 @@ export function waitFor({ pending, preparing, progress, simulated, stopping }, a
   const bar = $("wait-progress");
   bar.hidden = !preparing && !unseen?.going_on;
   if (preparing) [bar.max, bar.value] = [preparing.parts, preparing.part - 1];
-  else if (unseen) [bar.max, bar.value] = [unseen.due, unseen.simulated];
+  else if (unseen) [bar.value, bar.max] = unseen.progress;
   const stops = can("stop_run") && !preparing;
   $("stop").hidden = !stops;
   $("stop-run").onclick = () => act("stop_run", { index: pending.index });
