@@ -38,7 +38,7 @@ from prefcal_scenarios.verification import verify
 from prefcal_scenarios.verification.loop_margins import margins_at, margins_said, remaining
 from prefcal_scenarios.verification.result import Robustness, Verification, VerifiedRun
 from prefcal_scenarios.verification.said import BEST, FILE, Verified, WorstRun
-from prefcal_scenarios.verification.varied_runs import Perturbed, robustly, which_keep
+from prefcal_scenarios.verification.varied_runs import Perturbed, count_losses, robustly, which_keep
 from prefcal_scenarios.wording import measured
 from support.varied_loops import (
     assert_it_starts_at_rest_where_the_study_does,
@@ -898,6 +898,21 @@ def test_a_limit_on_a_margin_is_not_judged_again_in_perturbed_runs():
 def test_a_run_that_failed_or_was_unsafe_does_not_keep_the_limits():
     assert lost(counted(lambda theta, run: {} if run == 3 else {"time": 1.0})[0]) == [[3]]
     assert lost(counted(lambda theta, run: {"a": np.inf if run == 5 else 2.0, "b": 1.0})[0]) == [[5]]
+
+
+def test_it_is_counted_by_which_kpi_perturbed_runs_are_lost():
+    never, names = np.inf, ("time", "peak", "error", "M_s")
+    runs = [(1.0, 1.0, never, 1.5), (2.0, 0.5, never, 3.0), (2.0, 2.0, 1.0, 3.0), (never, 0.5, 1.0, 1.5)]
+    made = [*(dict(zip(names, run, strict=True)) for run in runs), {}, dict.fromkeys(names[:3], never)]
+
+    def many(points):
+        return [made[int(point[1]) if len(point) > 1 else 0] for point in points]
+
+    reading = Reading({}, {"peak": 1.0, "error": 1.0, "M_s": 2.0})
+    counts = count_losses(many, reading, np.array([0.0]), range(1, 6), margins=["M_s"])
+    assert counts == {"": 2, "peak": 1, "time": 1}
+    (kept,) = which_keep(many, reading, [np.array([0.0])], range(1, 6), margins=["M_s"])
+    assert kept.tolist() == [True, False, False, False, False]
 
 
 def test_what_never_settles_even_nominally_need_not():
