@@ -67,11 +67,22 @@ def margins_said(found: Sequence[Margins | str], time_unit: str) -> tuple[tuple[
     if (moved := next((m for m in found if isinstance(m, Margins) and m.target), None)) is not None:
         assert moved.target is not None
         there = f": its start is {moved.place}, its target {moved.target.place}"
-    return tuple(_margin_rows(found, time_unit)), f"margins of {UNCONSTRAINED}{stable}{there}"
+    lower = "".join(_say_lower_gain(first))
+    return tuple(_margin_rows(found, time_unit)), f"margins of {UNCONSTRAINED}{stable}{there}{lower}"
+
+
+def _say_lower_gain(m: Margins) -> Iterator[str]:
+    """Yield between what the gain may change where it must not fall by more, a text for each place."""
+    places = (("at the start, ", m), ("at the target, ", m.target)) if m.target else (("", m),)
+    for place, each in places:
+        if each and 0 < each.gain_reduction < 1:
+            fall, rise = (number(float(f"{factor:.3g}")) for factor in (each.gain_reduction, each.gain))
+            rises = f"to {rise} times" if np.isfinite(each.gain) else "without limit"
+            yield f"; {place}the gain may fall to {fall} times its value or rise {rises}"
 
 
 def _margin_rows(found: Sequence[Margins | str], time_unit: str) -> Iterator[tuple[str, ...]]:
-    """Yield a row for each margin; a gain margin has a second number if the gain must not fall by more.
+    """Yield a row for each margin; a gain margin says both ways if the gain must not fall by more.
 
     They are rounded as the KPIs are that have limits: what is printed is what a limit is compared with.
     Of a plant that is another one at its target, each has two rows.
@@ -98,8 +109,8 @@ def _margin(m: Margins | str, read: Callable[[Margins], str]) -> str:
 
 
 def _gain_margin(m: Margins) -> str:
-    down = f", {number(_decibels(m.gain_reduction))}" if 0 < m.gain_reduction < 1 else ""
-    return number(_decibels(m.gain)) + down
+    up = number(_decibels(m.gain))
+    return f"{up} up, {number(-_decibels(m.gain_reduction))} down" if 0 < m.gain_reduction < 1 else up
 
 
 def _decibels(factor: float) -> float:

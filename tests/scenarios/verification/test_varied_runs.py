@@ -32,7 +32,7 @@ from prefcal_env.sources.varied import UNMODELED, Factor, within
 from prefcal_scenarios import KPI, Scenario, load
 from prefcal_scenarios.described.pid_scenario import pid_scenario
 from prefcal_scenarios.verification import replay, verify
-from prefcal_scenarios.verification.result import Others, most_probable
+from prefcal_scenarios.verification.result import Others, Robustness, most_probable
 from prefcal_scenarios.verification.said import Verified
 from support.tank import pi_of
 
@@ -1005,6 +1005,35 @@ def test_a_tuning_holds_if_all_runs_and_the_nominal_loop_keep_what_is_stated_of_
         "Holds, but a stated margin is missed: 3 of 3 runs keep the stated limits. Margins of the nominal"
     )
     assert close.headline.startswith(missed)
+
+
+def test_where_the_nominal_loop_misses_a_stated_margin_the_study_that_looks_for_one_is_offered():
+    found = verify(replace(SPRING, kpis=(KPI("weight", "weight", at_most=9.0),)), THETA, 3, jobs=1)
+    M_s = KPI("M_s", "maximum sensitivity M_s", at_most=2.0, margin=True)
+    phase = KPI("phase_margin", "phase margin", "°", at_least=45.0, margin=True)
+
+    def measured(of, **margins):
+        nominal = replace(of.tuning.nominal, kpis={**of.tuning.nominal.kpis, **margins})
+        return replace(of, kpis=(*of.kpis, M_s, phase), tuning=replace(of.tuning, nominal=nominal))
+
+    def advised(of):
+        return Verified.of(of, SPRING, "", "1.0", "", "run: prefcal x --start best.json").advice
+
+    begin = "look for a tuning that keeps maximum sensitivity M_s ≤ 2"
+    end = ": search on from this one, run: prefcal x --start best.json"
+    assert advised(measured(found, M_s=2.5, phase_margin=50.0)) == (f"{begin}{end}",)
+    assert advised(measured(found, M_s=2.5, phase_margin=30.0)) == (f"{begin} and phase margin ≥ 45 °{end}",)
+    assert advised(measured(found, M_s=1.9, phase_margin=50.0)) == ()
+    # Where runs fail, too, a tuning that holds in more of them is no way out unless it keeps the margin.
+    fails = measured(verify(SPRING, THETA, 100, jobs=1), M_s=2.5, phase_margin=50.0)
+    runs = tuple(replace(each, problems=()) for each in fails.runs)
+    for value, ways in ((2.5, 2), (1.9, 1)):
+        nominal = replace(fails.tuning.nominal, kpis={**fails.tuning.nominal.kpis, "M_s": value})
+        best = Robustness(np.array([1.5]), nominal, fails.tuning.margins, runs)
+        other, *more = advised(replace(fails, others=Others(9, 9, best)))
+        assert other.startswith("a tuning that was tried holds in 100 of the same 100 runs")
+        assert len([other, *more]) == ways
+        assert more == [f"{begin}{end}"][: ways - 1]
 
 
 def test_the_delay_margin_has_a_unit_and_a_controller_that_raises_has_no_margins(monkeypatch):

@@ -18,7 +18,7 @@ from prefcal_env import (
     recorded,
     rollout,
 )
-from prefcal_env.controllers.margins import MarginKPIs, margins
+from prefcal_env.controllers.margins import UNSTABLE, MarginKPIs, Margins, margins
 from prefcal_env.disk import digest_of
 from prefcal_env.envs.task import StepSignal
 from prefcal_env.envs.varied_loop import DIRECTION, ScaledPlant, Worn, factors_of, varied_plant
@@ -657,6 +657,23 @@ def test_margins_of_a_plant_that_is_not_linear_are_those_of_the_target_too():
     assert same.tuning.margins.target is None
     assert margins_said([same.tuning.margins], "s")[1].endswith("operating point")
     assert "target" not in same.margin_verdict
+
+
+def test_a_gain_that_must_not_fall_is_said_in_words():
+    free = Margins(gain=2.0, gain_reduction=0.0, phase=60.0, delay=1.0, M_s=1.6, disk=0.8)
+    assert margins_said([free], "s")[0][0] == ("gain margin [dB]", "6.02")
+    assert "fall" not in margins_said([free], "s")[1]
+    held = replace(free, gain_reduction=0.25)
+    rows, basis = margins_said([held, free], "s")
+    assert rows[0] == ("gain margin [dB]", "6.02 up, 12.04 down", "6.02")
+    words = "the gain may fall to 0.25 times its value or rise to 2 times"
+    assert basis.endswith(f"linearized at the operating point; {words}")
+    moved = replace(free, target=replace(held, gain=np.inf, place="y 2"), place="y 1")
+    rows, basis = margins_said([moved], "s")
+    assert rows[1] == ("gain margin at the target [dB]", "∞ up, 12.04 down")
+    words = "at the target, the gain may fall to 0.25 times its value or rise without limit"
+    assert basis.endswith(f"its start is y 1, its target y 2; {words}")
+    assert "fall" not in margins_said([UNSTABLE], "s")[1]
 
 
 @pytest.mark.parametrize(("target", "worse"), [(12.0, "target"), (1.0, "start")])
