@@ -600,8 +600,8 @@ def next_view(interview: Interview, report: Path | None) -> dict[str, Any]:
 
 
 def _written(interview: Interview, best: Path | None) -> dict[str, Any]:
-    """Return the PID of a best.json in each form, and the commands that write its controller as code."""
-    nothing: dict[str, Any] = {"forms": None, "export": []}
+    """Return the PID of a best.json in each form, commands that write its controller as code, and margins."""
+    nothing: dict[str, Any] = {"forms": None, "export": [], "margins": ""}
     if best is None:
         return nothing
     # The file has what the scenario says of its controller: a page never waits for somebody's function.
@@ -616,7 +616,17 @@ def _written(interview: Interview, best: Path | None) -> dict[str, Any]:
         {"command": shlex.join(["prefcal", "export", str(best), "--to", word]), "what": LANGUAGES[word]}
         for word in languages_of(settings)
     ]
-    return {"forms": pid_table(rows, str(before.get("what", ""))), "export": commands}
+    words = content.get("margins") if isinstance(content, Mapping) else None
+    return {
+        "forms": pid_table(rows, str(before.get("what", ""))),
+        "export": commands,
+        "margins": tell_margins(words if isinstance(words, list) else ()),
+    }
+
+
+def tell_margins(words: Sequence[Any]) -> str:
+    """Return the margins that a best.json has in words as a sentence; "" if it has none."""
+    return f"Margins of the nominal loop: {'; '.join(map(str, words))}." if words else ""
 
 
 def _table(content: Any, name: str) -> Mapping[str, Any]:

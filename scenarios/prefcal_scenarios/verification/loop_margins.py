@@ -1,5 +1,6 @@
 """Margins of the nominal loop: where they hold, their rows in a table, and whether they keep their limits."""
 
+import pickle
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -11,7 +12,8 @@ from prefcal_env.controllers.margins import UNCONSTRAINED, UNSTABLE, Margins, ma
 from prefcal_env.envs.task import Task
 from prefcal_env.envs.varied_loop import at_target
 from prefcal_env.plants.plant import Plant
-from prefcal_env.sources.source import Varied
+from prefcal_env.sources.source import Source, Varied
+from prefcal_env.workers import Terms, Worker
 from prefcal_scenarios.scenario import KPI
 from prefcal_scenarios.wording import labeled, limits_text, number, quantity
 
@@ -37,6 +39,30 @@ def margins_at(known: Varied, theta: Float[np.ndarray, " n"]) -> Margins | str:
         return start
     there = replace(there, place=_place(loop.plant, target))
     return replace(start, place=_place(loop.plant, loop.task), target=there)
+
+
+_PATIENCE = 20.0  # seconds that a report waits for the margins of somebody's own code
+
+
+def margins_apart(source: Source, thetas: Sequence[Float[np.ndarray, " n"]]) -> tuple[Margins | str, ...]:
+    """Return the margins of physical θ, each of shape (n,), from a process of its own, as code may never end.
+
+    Raises:
+        RunError: If they take long, or the process dies.
+    """
+    work = pickle.dumps((_working, (source.elsewhere,)))
+    worker = Worker(lambda: work, _PATIENCE, Terms("the computation of margins", again=False, quiet=True))
+    try:
+        found: tuple[Margins | str, ...] = worker.run(list(thetas))
+        return found
+    finally:
+        worker.close()
+
+
+def _working(source: Source) -> Callable[[Sequence[Float[np.ndarray, " n"]]], tuple[Margins | str, ...]]:
+    """Return, in a worker, the function of θ that returns their margins."""
+    known = source.varied()
+    return lambda thetas: tuple(margins_at(known, theta) for theta in thetas)
 
 
 def _place(plant: Plant, task: Task) -> str:
@@ -79,6 +105,11 @@ def _say_lower_gain(m: Margins) -> Iterator[str]:
             fall, rise = (number(float(f"{factor:.3g}")) for factor in (each.gain_reduction, each.gain))
             rises = f"to {rise} times" if np.isfinite(each.gain) else "without limit"
             yield f"; {place}the gain may fall to {fall} times its value or rise {rises}"
+
+
+def list_margins(rows: Sequence[Sequence[str]]) -> tuple[str, ...]:
+    """Return the rows of margins in words, with those before in brackets, if they are known."""
+    return tuple(f"{name}: {after}{f' (before {old[0]})' if old else ''}" for name, after, *old in rows)
 
 
 def _margin_rows(found: Sequence[Margins | str], time_unit: str) -> Iterator[tuple[str, ...]]:

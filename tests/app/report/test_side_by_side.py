@@ -64,7 +64,7 @@ def test_a_run_with_another_step_is_drawn_with_the_target_it_had():
     )
     scenario = pid_scenario(plant, reference={"T": 100.0})
     theta = scenario.references["MIGO"]
-    values = {"size of the step": 0.85, "start": 0.1, "direction": -1.0}
+    values = {"size of the step": 0.85, "start": 0.1, "sign of the step": -1.0}
     runs = [VerifiedRun(v, 0, End.TIME_UP, {}) for v in ({}, values)]
     nominal, varied = replays(scenario, theta, runs)
     start = nominal.output(0)[0]

@@ -225,6 +225,12 @@ def test_the_end_gives_a_pid_in_each_form_and_says_how_to_write_the_controller(t
     assert cells["K_i"] == ["parallel", "0.1", "0.05"]
     assert cells["T_i′"] == ["series", "–", "–"]  # 4 * 8 > 20
     assert "–: the series form cannot have a T_d above about a quarter of T_i." in forms["caption"]
+    assert found["margins"] == ""
+    content |= {"margins": ["gain margin [dB]: 9 (before 7)", "phase margin [°]: 50 (before 41)"]}
+    (tmp_path / "best.json").write_text(json.dumps(content))
+    assert over(tmp_path)[2]["next"]["margins"] == (
+        "Margins of the nominal loop: gain margin [dB]: 9 (before 7); phase margin [°]: 50 (before 41)."
+    )
     best = tmp_path / "best.json"
     assert [each["command"] for each in found["export"]] == [
         f"prefcal export {best} --to st",
