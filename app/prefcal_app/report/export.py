@@ -104,7 +104,6 @@ def best_as_json(record: StudyRecord) -> str:
         "ended": best.experiment.end.value,
         "experiment": best.number,
         "before": _before(record),
-        **({"margins": [*words]} if (words := record.margin_words) else {}),
         **({"kept": dict(record.kept)} if record.kept else {}),
         **_keeping(record),
         "origin": record.origin,

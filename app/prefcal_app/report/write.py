@@ -1,5 +1,6 @@
 """Write the report: the page, the sheet to sign with what a verification says, and the folder."""
 
+import json
 import re
 from base64 import b64encode
 from collections.abc import Iterator, Sequence
@@ -15,7 +16,7 @@ from markupsafe import Markup
 
 from prefcal_app.session.study import why_over
 from prefcal_app.summary import kept_text
-from prefcal_app.view.end import FIRST, can_go_back, count_first, pid_table
+from prefcal_app.view.end import FIRST, MARGINS, can_go_back, count_first, pid_table
 from prefcal_app.view.question import cell, column, row, table, theta_view
 from prefcal_env.controllers.forms import ALL, PARALLEL
 from prefcal_env.controllers.margins import Margins
@@ -555,7 +556,7 @@ def write_report(record: StudyRecord, folder: Path, extra: Sequence[Picture] = (
     if record.best is not None:
         put(folder / BEST, best_as_json(record).encode())
     else:
-        for file in (BEST, FILE, LOOP):
+        for file in (BEST, FILE, LOOP, MARGINS):
             (folder / file).unlink(missing_ok=True)
     put(folder / "comparisons.csv", comparisons_as_csv(record).encode())
     drawn = draw(record, extra)
@@ -574,8 +575,16 @@ def write_report(record: StudyRecord, folder: Path, extra: Sequence[Picture] = (
 
 
 def keep_loop(folder: Path, scenario: Scenario, found: Sequence[Margins | str]) -> None:
-    """Write the picture of the open loop into a folder; remove an earlier one if margins are not known."""
+    """Write margins and the picture of the open loop into a folder; remove earlier ones if there are none.
+
+    They are no part of best.json, which stays the same to the byte whether they were there in time or not.
+    """
     plant = plant_of(scenario.source)
+    words = list_margins(margins_said(found, plant.time_unit)[0]) if plant is not None else ()
+    if words:
+        put(folder / MARGINS, f"{json.dumps(words, ensure_ascii=False, indent=2)}\n".encode())
+    else:
+        (folder / MARGINS).unlink(missing_ok=True)
     if plant is not None and (drawn := open_loop(found, scenario.kpis, plant)):
         put(folder / LOOP, drawn)
     else:

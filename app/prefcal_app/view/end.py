@@ -616,17 +616,26 @@ def _written(interview: Interview, best: Path | None) -> dict[str, Any]:
         {"command": shlex.join(["prefcal", "export", str(best), "--to", word]), "what": LANGUAGES[word]}
         for word in languages_of(settings)
     ]
-    words = content.get("margins") if isinstance(content, Mapping) else None
-    return {
-        "forms": pid_table(rows, str(before.get("what", ""))),
-        "export": commands,
-        "margins": tell_margins(words if isinstance(words, list) else ()),
-    }
+    margins = tell_margins(_texts_in(best.parent / MARGINS))
+    return {"forms": pid_table(rows, str(before.get("what", ""))), "export": commands, "margins": margins}
 
 
-def tell_margins(words: Sequence[Any]) -> str:
-    """Return the margins that a best.json has in words as a sentence; "" if it has none."""
-    return f"Margins of the nominal loop: {'; '.join(map(str, words))}." if words else ""
+MARGINS = "margins.json"
+"""Name of the file of the margins in words, a list, in the folder of a report."""
+
+
+def _texts_in(path: Path) -> list[str]:
+    """Return the texts in a JSON file; none if there is no list in it."""
+    try:
+        content = json.loads(path.read_text("utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return []
+    return [*map(str, content)] if isinstance(content, list) else []
+
+
+def tell_margins(words: Sequence[str]) -> str:
+    """Return margins in words, a text each, as a sentence; "" without any."""
+    return f"Margins of the nominal loop: {'; '.join(words)}." if words else ""
 
 
 def _table(content: Any, name: str) -> Mapping[str, Any]:
