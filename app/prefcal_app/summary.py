@@ -352,24 +352,48 @@ class Outlook:
 
 
 def others_unbeaten(history: History, *, robust: bool = False) -> str:
-    """Return a sentence on the experiments besides the best that never lost; empty without any.
+    """Return what is said of the experiments besides the best that never lost; empty without any.
 
-    The answers do not say which of them is better: they were compared without a verdict. Or the
-    agent takes one of them for a slip.
+    The answers do not say which of them is better: they were called about the same, or compared without a
+    verdict. Or the agent takes one of them for a slip.
     """
     if history.leads and history.incumbent != history.by_answers:
         return after_a_slip(history, robust=robust)
-    indices = history.unbeaten()
-    if len(indices) < 2:
-        return ""
-    best, *others = (str(index + 1) for index in indices)
-    named = f"experiment{'s' * (len(others) > 1)} {join_words(others)} {'were' if len(others) > 1 else 'was'}"
-    return f"Besides experiment {best}, {named} never beaten: no answer says which one is better."
+    indices, said = history.unbeaten(), list[str]()
+    if tied := _list_tied(history, *indices[:1]):
+        said.append(
+            f"The answers call {_name_all(tied)} about the same as experiment {indices[0] + 1}: a tie does "
+            "not change which one is the best."
+        )
+    if others := indices[1:]:
+        were = f"{_name_all(others)} {'were' if len(others) > 1 else 'was'}"
+        said.append(
+            f"Besides experiment {indices[0] + 1}, {were} never beaten: no answer says which one is better."
+        )
+    return " ".join(said)
+
+
+def _name_all(indices: Sequence[int]) -> str:
+    return f"experiment{'s' * (len(indices) > 1)} {join_words([str(index + 1) for index in indices])}"
+
+
+def _list_tied(history: History, index: int | None = None) -> list[int]:
+    """Return which experiments the latest answer beside one calls about the same as that, by index."""
+    both = ((v, {v.challenger, v.incumbent}) for v in history.verdicts())
+    latest = {other: v.winner for v, pair in both if index in pair for other in pair - {index}}
+    return sorted(other for other, winner in latest.items() if winner is None)
 
 
 def after_a_slip(history: History, *, robust: bool = False) -> str:
     """Return a sentence on the best, which is not the winner of the answers."""
     best, winner = ((index or 0) + 1 for index in (history.incumbent, history.by_answers))
+    if history.by_answers in _list_tied(history, history.incumbent):
+        by = (
+            "of those shown that hold on the most varied plants, they prefer"
+            if robust
+            else "all together they speak for"
+        )
+        return f"The answers call experiments {winner} and {best} about the same: {by} {best}."
     if robust:
         return (
             f"Experiment {winner} won, but {best} is the best so far: of those shown that hold on the most "

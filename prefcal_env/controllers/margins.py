@@ -1,7 +1,7 @@
 """Stability margins of a sampled loop, broken at the plant's input, for any controller."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import islice
 from operator import itemgetter
@@ -516,7 +516,7 @@ def margin_kpis(time_unit: str) -> tuple[KPI, ...]:
 
 @dataclass(frozen=True, slots=True)
 class MarginKPIs:
-    """Function of an experiment that returns its KPIs and the margins of its θ.
+    """Function of an experiment that returns its KPIs and those margins of its θ that it does not have.
 
     Those of a plant that is not linear are the smaller ones of start and target.
     What is infinite has a large finite value, since KPIs that are better when higher are: 60 dB,
@@ -524,9 +524,11 @@ class MarginKPIs:
 
     Args:
         loop: Closed loop of the experiments; its environment is a `PlantEnv`.
+        names: Names of the margins that are asked for: an experiment that has these is returned as it is.
     """
 
     loop: ClosedLoop
+    names: frozenset[str] = frozenset(name for name, *_ in _KPIS)
 
     def __call__(self, experiment: Experiment) -> dict[str, float]:
         """Return the KPIs by name; an unstable loop has margins of 0, and an infinite M_s.
@@ -534,6 +536,9 @@ class MarginKPIs:
         Raises:
             SettingsError: If the environment does not say its plant and task, or as `margins` does.
         """
+        own = dict(experiment.kpis)
+        if self.names <= own.keys():
+            return own
         env, make = self.loop.env, partial(self.loop.controller, experiment.theta)
         if not isinstance(env, PlantEnv):
             raise SettingsError(f"margins need a PlantEnv, whose plant can be linearized, got {env!r:.60}")
@@ -541,15 +546,14 @@ class MarginKPIs:
         target = margins_at_target(env.plant, at_target(env.plant, env.task), make)
         places = [m for m in (start, target) if m is not None]
         gain = min(min(m.gain, 1 / m.gain_reduction if m.gain_reduction else np.inf) for m in places)
-        return {
-            "M_s": max(m.M_s for m in places),
-            **experiment.kpis,  # with an M_s of its own, if it has one
+        others = {
             "gain_margin": min(float(20 * np.log10(gain)), 60.0),
             "phase_margin": min(m.phase for m in places),
             "delay_margin": min(1e4 * make().T_s, *(m.delay for m in places)),
             "disk_margin": min(m.disk for m in places),
         }
+        return {"M_s": max(m.M_s for m in places), **own, **others} | own
 
     def around(self, env: PlantEnv) -> "MarginKPIs":
         """Return the same margins in a varied environment, of the controller itself: what sticks has none."""
-        return MarginKPIs(ClosedLoop(env, self.loop.controller))
+        return replace(self, loop=ClosedLoop(env, self.loop.controller))

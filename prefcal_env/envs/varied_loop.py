@@ -336,8 +336,8 @@ LAG, _LAG = "lag of the actuators", 0.1
 """Largest lag that nobody modeled, as a share of the dominant time constant."""
 JITTER, _JITTER, _MOST = "sampling jitter", 0.1, 0.49
 """Largest jitter, as a share of the period: the usual and the possible one."""
-MOVE, SHIFT, REFERENCE, DIRECTION = "rate of the actuators", "start", "size of the step", "direction"
-TURN, STEP = "direction of the load", "start, size and direction of the step"
+MOVE, SHIFT, REFERENCE, DIRECTION = "rate of the actuators", "start", "size of the step", "sign of the step"
+TURN, STEP = "sign of the load", "start, size and sign of the step"
 BIGGER, _SAMPLES = "a larger load", 501  # instants at which a function of time is looked at
 _MOVING = 0.1  # share of these instants from which on a function that changes there moves all the time
 _LOADS = (BIGGER, 1 + SIZE), (TURN, -1.0)

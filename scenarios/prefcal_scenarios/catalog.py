@@ -63,7 +63,7 @@ def load(name: str) -> Scenario:
     if attribute.endswith(".py"):
         raise ScenarioError(f"{name!r} is a file: say which scenario in it, {name}:NAME")
     if is_own(name):
-        return _scenario_in(module_at(Path(path)), attribute, name)
+        return _with_margins(_scenario_in(module_at(Path(path)), attribute, name))
     if is_random_loop(name):
         return _random_loop(name)
     if is_built_in(name):
@@ -74,6 +74,15 @@ def load(name: str) -> Scenario:
         f"Expected {NAMES}, or your own: {', '.join(OWN)}, {either(CONTROLLERS)} "
         "(see `prefcal scenarios`)"
     )
+
+
+def _with_margins(own: Scenario) -> Scenario:
+    """Return a user's scenario whose closed loop measures the margins that its KPIs name."""
+    if not any(kpi.margin for kpi in own.kpis):
+        return own
+    from .described.making import with_margins
+
+    return with_margins(own)
 
 
 def _random_loop(name: str) -> Scenario:

@@ -46,12 +46,16 @@ KPIs may be infinite (never), or missing or NaN (unknown). None, no KPIs or an e
 simulation failed, which keeps the agent away from its θ. If the function has an attribute `many`,
 that is called with a list of θ instead and returns their KPIs in the same order, for example from
 several processes; see `SimulateMany`. An attribute `reading` says how people read these KPIs.
-An attribute `holds` makes a study robust; see `Holds`. An attribute `candidates`, shape (m, n), lists the
+An attribute `holds` makes a study robust, see `Holds`, and `losses`, see `Losses`, says why some θ does not
+hold. An attribute `candidates`, shape (m, n), lists the
 only θ that there are, in an order that means nothing: all are simulated before the first question.
 """
 Holds = Callable[[Sequence[Theta], range], Bool[np.ndarray, "m r"]]
 """Function of θ and numbers of perturbed runs, from 1 on, that returns which of these runs of each θ keep the
 limits, shape (m, r)."""
+Losses = Callable[[Theta, range], Mapping[str, int]]
+"""Function of a θ and numbers of perturbed runs that returns in how many of these each KPI is lost that is
+kept nominally, by its name; "" is the name of runs without any finite KPI, which lose all."""
 
 ENOUGH = 300
 """Number of perturbed runs that all keep the limits of what is shown in a robust study: then fewer
@@ -100,6 +104,7 @@ class Simulations:
         self.reading: Reading = getattr(simulate, "reading", None) or Reading()
         self._many: Callable[[Sequence[Theta]], Iterable[Any]] | None = many
         self.holds: Holds | None = getattr(simulate, "holds", None)
+        self.losses: Losses = getattr(simulate, "losses", None) or (lambda theta, runs: {})
         self.candidates: Float[np.ndarray, "m n"] | None = getattr(simulate, "candidates", None)
         self._known: dict[bytes, Outcome] = {}
         self._error: Exception | None = None

@@ -75,6 +75,8 @@ class RobustResult:
         first: How many of the same runs the first experiment keeps; None if it is the best, or misses other
             limits as modeled.
         other: That other θ, physical; empty without one.
+        others_kept: How many of the same runs that one keeps; None if that was not asked.
+        losses: In how many of them it loses which KPI, by name, the most first; "" is all of them.
     """
 
     kept: int
@@ -84,6 +86,8 @@ class RobustResult:
     most: int = 0
     first: int | None = None
     other: tuple[float, ...] = ()
+    others_kept: int | None = None
+    losses: tuple[tuple[str, int], ...] = ()
 
 
 def reason_for(stage: Stage, new: int, best: int, history: History) -> Reason:
@@ -382,7 +386,14 @@ def _robustness(agent: Screening, stage: Stage, past: History, best: int) -> Rob
         return replace(found, most=int(counts.max()), **_compare_with(stage, past, best, int(top)))
     if rival == best or found.outdone or simulations.held(bank, np.array([rival]))[0]:
         return found
-    return replace(found, **_compare_with(stage, past, best, rival, worse=False))
+    theta = bank.thetas[rival]
+    losses = simulations.losses(theta, range(1, ENOUGH + 1))
+    return replace(
+        found,
+        **_compare_with(stage, past, best, rival, worse=False),
+        others_kept=int(simulations.runs_kept(theta).sum()),
+        losses=tuple(sorted(losses.items(), key=lambda each: -each[1])),
+    )
 
 
 def _compare_with(

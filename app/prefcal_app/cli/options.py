@@ -93,7 +93,8 @@ class Options(Described):
             shown. It has the plant's knobs and KPIs; prefcal learns how both differ.
         robust: Look for a result that also keeps the limits in 300 runs with varied plants, or in most of
             them if none keeps all. With stated limits, everything varies that `prefcal verify` varies, except
-            directions; without, only parameters, dead time and noise. What that costs is said at the end.
+            signs of steps and loads; without, only parameters, dead time and noise. What that costs is said
+            at the end.
         study: Study to start or to resume: a name in your data folder, or a file (with a / or a
             suffix).
         seed: Seed of the agent, the calibrator and the order of the two sides.

@@ -18,7 +18,7 @@ from prefcal_app.session.study import trust_text
 from prefcal_app.simulating import robust_study
 from prefcal_app.summary import kept_on_plant, kept_text, list_shown
 from prefcal_app.terminal.showing import say
-from prefcal_app.view.end import baseline_of, runs_held
+from prefcal_app.view.end import baseline_of, runs_held, tell_margins
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.study import Concluded, State
 from prefcal_scenarios.own import fingerprint
@@ -183,6 +183,7 @@ def show(record: StudyRecord, report: Path, console: Console) -> None:
             best = report.parent / BEST
             verdict = verdict_of(record, verified_beside(best))
             say(console, verdict.replace(f"verify {BEST}", shlex.join(["verify", str(best)])))
+            say(console, *filter(None, [tell_margins(record.margin_words)]))
     if record.kept:
         say(console, kept_text(record.kept))
     show_outlook(record, console)

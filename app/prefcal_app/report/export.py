@@ -540,7 +540,7 @@ _PAGES = {"cstr": "environments.md", "overtake": "overtaking.md"}
 def model(record: StudyRecord) -> str:
     """Return on which model a study was made, in sentences: source, version, equations, and files."""
     made = f", fingerprint of the scenario {record.fingerprint}" if record.fingerprint else ""
-    said = [f"{record.source}{made}, prefcal {versions()['prefcal']}"]
+    said = [f"{_named(record.source)}{made}, prefcal {versions()['prefcal']}"]
     plant = plant_of(record.scenario.source)
     if isinstance(plant, Disturbed):
         plant = plant.plant
@@ -554,6 +554,23 @@ def model(record: StudyRecord) -> str:
         said += [f"Built in, documented in docs/{_PAGES[name] if name in CASES else 'loops.md'}"]
     files = ", ".join(f"{path.name} (SHA-256 {digest_of(path)[:16]}…)" for path in files_of(record.source))
     return ". ".join([*said, *([f"Files: {files}"] if files else [])]) + "."
+
+
+def _named(source: str) -> str:
+    """Return the name that loads a scenario, with its configuration in words."""
+    name, config = split_source(source)
+    told = (f"{key.replace('_', ' ')} {_in_words(value)}" for key, value in (config or {}).items())
+    return f"{name}: {', '.join(told)}" if config else name
+
+
+def _in_words(value: Any) -> str:
+    """Return a value of a configuration in words; of what is no list of texts or numbers how long it is."""
+    if isinstance(value, Mapping):
+        return " and ".join(f"{key} = {_in_words(each)}" for key, each in value.items())
+    if isinstance(value, list):
+        plain = all(isinstance(each, str | int | float) for each in value)
+        return " and ".join(map(_in_words, value)) if plain else f"({len(value)} entries)"
+    return number(value) if is_number(value) else str(value)
 
 
 def equations(plant: LinearPlant) -> str:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import takewhile
 from textwrap import wrap
 from typing import Any
 
@@ -53,6 +54,7 @@ from .record import StudyRecord, foremost_kpis
 # --- Draw closed-loop runs, overlaid or side by side.
 
 _ACROSS = 3  # largest number of maneuvers next to each other; more would be too narrow to read
+_PER_INCH = 14  # number of characters of a title in an inch
 _LINE, _WIDE = 76, 100  # number of characters of θ that fit above half of a figure, and of text under it
 
 
@@ -160,9 +162,10 @@ def figure(
         drawn, tops = _drawn(blocks, 2, height)
         up = 15 if any(parts) else 0  # above the name of the first maneuver
         thetas = [_theta_lines(scenario, curve.experiment.theta) for curve in pair]
-        label = 24 + 12 * max(map(len, thetas)) + up
+        up += max(map(_over_title, tops[:2]))
+        label = 3 + 12 * max(map(len, thetas)) + up
         for axes, curve, lines in zip(tops[:2], pair, thetas, strict=True):
-            above(axes, "\n".join(lines), 21 + up, color=FAINT, fontsize=8.5)
+            above(axes, "\n".join(lines), up, color=FAINT, fontsize=8.5)
             above(axes, curve.label, label, color=curve.color, fontweight="bold")
         if said:
             drawn.supxlabel("\n".join(said), x=0.01, ha="left", fontsize=9)
@@ -241,11 +244,26 @@ def _drawn(
             beside = same and blocks[i - 1].window == block.window
             if axes is not grid[top, 0] and (beside or axes is not places[0]):
                 axes.sharex(grid[top, 0] if beside else places[0])
-        _fill(places, block, short=short)
+        _fill(places, block, int(_PER_INCH * width * _span(blocks, i, across) / across), short=short)
         if block.heading:
-            above(places[0], block.heading, 21, fontweight="bold")
+            above(places[0], block.heading, _over_title(places[0]), fontweight="bold")
         tops.append(places[0])
     return figure, tops
+
+
+def _over_title(axes: Axes) -> int:
+    """Return how many points above axes there is room for what stands above their title."""
+    return 21 + 13 * axes.get_title("left").count("\n")
+
+
+def _span(blocks: Sequence[_Block], i: int, across: int) -> int:
+    """Return how many columns the titles of a block have: 0 if those before it stand for both."""
+
+    def goes_on(k: int) -> bool:
+        before, block = blocks[k - 1], blocks[k]
+        return k % across > 0 and before.rows is block.rows and before.curves is block.curves
+
+    return 0 if goes_on(i) else 1 + len([*takewhile(goes_on, range(i + 1, len(blocks)))])
 
 
 def _theta_lines(scenario: Scenario, theta: Float[np.ndarray, " n"]) -> list[str]:
@@ -272,8 +290,11 @@ def _zoomed(panels: Sequence[Plot], curves: Sequence[DrawnRun]) -> Iterator[_Row
             yield panel, True
 
 
-def _fill(axes: Sequence[Axes], block: _Block, *, short: bool) -> None:
-    """Draw the curves of a block; `short` titles name only the signal and its unit."""
+def _fill(axes: Sequence[Axes], block: _Block, room: int, *, short: bool) -> None:
+    """Draw the curves of a block; `short` titles name only the signal and its unit.
+
+    Their lines have at most `room` characters; 0 leaves them out.
+    """
     for place, (panel, zoomed) in zip(axes, block.rows, strict=True):
         channel = _own(panel, block.curves[0].experiment) if block.own else panel.channel
         for curve in block.curves:
@@ -284,13 +305,21 @@ def _fill(axes: Sequence[Axes], block: _Block, *, short: bool) -> None:
             if (mark.output, "y") == (panel.name, panel.kind):
                 _mark(place, mark, panel.scale)
         named = replace(channel, target=None, band=None, low=-np.inf, high=np.inf)
-        place.set_title(panel_title(named if short else channel, zoomed=zoomed))
+        title = panel_title(named if short else channel, zoomed=zoomed)
+        place.set_title(_break(title, room) if room else "")
         if zoomed and channel.target is not None and channel.band is not None:
             place.set_ylim(channel.target - 3 * channel.band, channel.target + 3 * channel.band)
         place.margins(x=0.01)
     axes[-1].set_xlabel(labeled("time", block.curves[0].experiment.channels.time_unit))
     if block.window is not None:
         axes[-1].set_xlim(block.window)
+
+
+def _break(title: str, room: int) -> str:
+    """Return a title in lines of at most `room` characters; a target or limits stay in one line."""
+    name, *rest = title.split(" · ")
+    whole = " · ".join([name, *(part.replace(" ", "\xa0") for part in rest)])
+    return "\n".join(wrap(whole, room)).replace("\xa0", " ")
 
 
 def _rest(blocks: Sequence[_Block]) -> list[str]:

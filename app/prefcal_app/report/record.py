@@ -38,7 +38,13 @@ from prefcal_scenarios.names import is_described, is_own
 from prefcal_scenarios.own import file_in, split_source
 from prefcal_scenarios.runs import WORST, grouped
 from prefcal_scenarios.scenario import KPI, Scenario
-from prefcal_scenarios.verification.loop_margins import UNKNOWN, margins_at
+from prefcal_scenarios.verification.loop_margins import (
+    UNKNOWN,
+    list_margins,
+    margins_apart,
+    margins_at,
+    margins_said,
+)
 from prefcal_scenarios.wording import (
     MISSING,
     ended_text,
@@ -389,12 +395,22 @@ class StudyRecord:
     @cached_property
     def margins(self) -> tuple[Margins | str, ...]:
         """Return the margins of the result and of the tuning before, or why there are none."""
-        try:
-            known = self.scenario.source.varied()
-        except PrefcalError:  # such as a file that runs in a process of its own
-            has_plant = plant_of(self.scenario.source) is not None
-            return ("prefcal verify best.json computes them" if has_plant else UNKNOWN,)
-        return tuple(margins_at(known, trial.experiment.theta) for trial in (self.result, self.before))
+        source, thetas = self.scenario.source, [t.experiment.theta for t in (self.result, self.before)]
+        with suppress(PrefcalError):
+            known = source.varied()
+            return tuple(margins_at(known, theta) for theta in thetas)
+        if plant_of(source) is None:
+            return (UNKNOWN,)
+        try:  # a file that runs in a process of its own
+            return margins_apart(source, thetas)
+        except PrefcalError as error:
+            return (f"no margins: {error}",)
+
+    @property
+    def margin_words(self) -> tuple[str, ...]:
+        """Return the margins, with those before in brackets, a text each; empty if there are none."""
+        rows, _ = margins_said(self.margins, self.before.experiment.channels.time_unit)
+        return list_margins(rows)
 
     @property
     def asked(self) -> tuple[Comparison, ...]:

@@ -1,5 +1,6 @@
 """Verify the tuning of a best.json; what came of it stays beside it, and on sheet and report."""
 
+import json
 import shlex
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
@@ -8,6 +9,8 @@ from datetime import UTC, datetime, tzinfo
 from functools import partial
 from itertools import count
 from pathlib import Path
+
+import numpy as np
 
 from prefcal_env.disk import digest_of
 from prefcal_env.errors import ScenarioError, StaleError
@@ -175,12 +178,21 @@ def _put_in_words(
     again = _begin_another(tuning, best, limits)
     said = Verified.of(found, tuning.scenario, baseline, version, tuning.digest, again)
     if limits and not is_described(tuning.source):
-        first = f"; first state {'; '.join(limits)} in the KPIs of your file"
+        margins = "; ".join(map(_as_code, (k for k in found.kpis if k.margin and limits_text(k))))
+        how = f" (a margin as {margins})" if margins else ""
+        first = f"; first state {'; '.join(limits)} in the KPIs of your file{how}"
         said = replace(said, advice=tuple(f"{a}{first}" if again in a else a for a in said.advice))
     changed = "Of the plant as its files are now, not as in the study. " if tuning.changed else ""
     return replace(
         said, headline=f"{changed}{said.headline}", worst=_copy_verdicts(said.worst, best.parent), at=at
     )
+
+
+def _as_code(kpi: KPI) -> str:
+    """Return a margin with its limit as a Python file states it."""
+    end, limit = ("at_most", kpi.at_most) if np.isfinite(kpi.at_most) else ("at_least", kpi.at_least)
+    words = ", ".join(json.dumps(each, ensure_ascii=False) for each in (kpi.name, kpi.title, kpi.unit))
+    return f"KPI({words}, {end}={limit:g}, margin=True)"
 
 
 def _offering(

@@ -1,5 +1,6 @@
 """Write the report: the page, the sheet to sign with what a verification says, and the folder."""
 
+import json
 import re
 from base64 import b64encode
 from collections.abc import Iterator, Sequence
@@ -15,7 +16,7 @@ from markupsafe import Markup
 
 from prefcal_app.session.study import why_over
 from prefcal_app.summary import kept_text
-from prefcal_app.view.end import FIRST, can_go_back, count_first, pid_table
+from prefcal_app.view.end import FIRST, MARGINS, can_go_back, count_first, pid_table
 from prefcal_app.view.question import cell, column, row, table, theta_view
 from prefcal_env.controllers.forms import ALL, PARALLEL
 from prefcal_env.controllers.margins import Margins
@@ -24,7 +25,7 @@ from prefcal_env.plants.jacobians import U
 from prefcal_env.sources.source import env_of, plant_of
 from prefcal_scenarios.scenario import Picture, Scenario
 from prefcal_scenarios.style import WIDTH, png, style
-from prefcal_scenarios.verification.loop_margins import margins_said
+from prefcal_scenarios.verification.loop_margins import list_margins, margins_said
 from prefcal_scenarios.verification.said import BEST, NOT_VARIED, USUAL, VARIED, Verified
 from prefcal_scenarios.wording import (
     counted,
@@ -97,7 +98,7 @@ def page(
             "gain": gain_of(record),
             "result": result_table(record),
             "verdict": _top_of(record, verified),
-            "verified": Markup(_in_report(verified, loop)),
+            "verified": Markup(_in_report(verified, loop, record)),
         }
     if record.asked and not record.scored:
         view["comparisons"] = comparison_table(record)
@@ -222,8 +223,7 @@ def verified_answers(verified: Verified) -> Answers:
     rows = (f"{name} {span}{f' ({kind})' * (kind != USUAL)}" for name, span, kind in verified.varied)
     drawn = [f"drawn with seed {verified.seed}"] if verified.runs else []
     found.append(("Varied", (*rows, *drawn, f"beyond these ranges: {_UNKNOWN}")))
-    left_out = "; ".join(what for what, _ in verified.left_out)
-    return [*found, ("Not varied", f"{left_out}. Why: report.html.")]
+    return [*found, ("Not varied", tuple(f"{what} ({why})" for what, why in verified.left_out))]
 
 
 def verdict_of(record: StudyRecord, verified: Verified | str = "") -> str:
@@ -274,13 +274,13 @@ def verified_tables(verified: Verified) -> dict[str, list[dict[str, Any]]]:
     return {"varied": varied, "tables": found}
 
 
-def _in_report(verified: Verified | str, loop: bytes) -> str:
-    """Return the part of the report that a verification changes, as HTML."""
+def _in_report(verified: Verified | str, loop: bytes, record: StudyRecord | None = None) -> str:
+    """Return the part of the report that a verification changes, as HTML; without one, as on the sheet."""
     parts: Any
     tables: Any
     parts, tables = (environment().get_template(f"report/{n}.html.j2").module for n in ("parts", "tables"))
     if not isinstance(verified, Verified):
-        made = parts.answers([("Other plants", f"{_RUN} {verified}." if verified else _RUN)])
+        made = parts.answers(unverified(record, verified) if record else [])
     else:
         each = (t for group in verified_tables(verified).values() for t in group)
         made = parts.answers([*_verdicts(verified).items()]) + Markup().join(map(tables.table, each))
@@ -290,8 +290,7 @@ def _in_report(verified: Verified | str, loop: bytes) -> str:
 
 def _margins(rows: Sequence[Sequence[str]], basis: str) -> str | tuple[str, ...]:
     """Return margins with those before in brackets, if they are known, and what they hold for."""
-    words = (f"{name}: {after}{f' (before {old[0]})' if old else ''}" for name, after, *old in rows)
-    return (*words, basis) if rows else f"{_UNKNOWN}: {basis}"
+    return (*list_margins(rows), basis) if rows else f"{_UNKNOWN}: {basis}"
 
 
 def section(holds: Answers, loop: bytes = b"") -> str:
@@ -557,7 +556,7 @@ def write_report(record: StudyRecord, folder: Path, extra: Sequence[Picture] = (
     if record.best is not None:
         put(folder / BEST, best_as_json(record).encode())
     else:
-        for file in (BEST, FILE, LOOP):
+        for file in (BEST, FILE, LOOP, MARGINS):
             (folder / file).unlink(missing_ok=True)
     put(folder / "comparisons.csv", comparisons_as_csv(record).encode())
     drawn = draw(record, extra)
@@ -576,8 +575,16 @@ def write_report(record: StudyRecord, folder: Path, extra: Sequence[Picture] = (
 
 
 def keep_loop(folder: Path, scenario: Scenario, found: Sequence[Margins | str]) -> None:
-    """Write the picture of the open loop into a folder; remove an earlier one if margins are not known."""
+    """Write margins and the picture of the open loop into a folder; remove earlier ones if there are none.
+
+    They are no part of best.json, which stays the same to the byte whether they were there in time or not.
+    """
     plant = plant_of(scenario.source)
+    words = list_margins(margins_said(found, plant.time_unit)[0]) if plant is not None else ()
+    if words:
+        put(folder / MARGINS, f"{json.dumps(words, ensure_ascii=False, indent=2)}\n".encode())
+    else:
+        (folder / MARGINS).unlink(missing_ok=True)
     if plant is not None and (drawn := open_loop(found, scenario.kpis, plant)):
         put(folder / LOOP, drawn)
     else:

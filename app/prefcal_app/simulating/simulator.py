@@ -360,8 +360,9 @@ class Simulator:
         self.candidates = source.candidates
         directed = has_goals(scenario)
         run = verification.varied_runs.Perturbed(scenario, seed) if robust else source
-        margins, judge = {k.name for k in scenario.kpis if k.margin}, verification.varied_runs.which_keep
-        self.holds = partial(judge, self.many, self.reading, margins=margins) if robust else None
+        margins, judge = {k.name for k in scenario.kpis if k.margin}, verification.varied_runs
+        self.holds = partial(judge.which_keep, self.many, self.reading, margins=margins) if robust else None
+        self.losses = partial(judge.count_losses, self.many, self.reading, margins=margins)
         self._task = RunTask(run, seed, trajectories=not directed)
         # They are gentle: the page has its processor even if there is a worker on each core. This
         # process runs built-in scenarios, too, until the first worker is ready.

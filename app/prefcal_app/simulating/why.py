@@ -312,10 +312,26 @@ def robust(found: RobustResult, scenario: Scenario, nominal: Experiment | None =
     if found.costs:
         those = ", of what keeps the stated limits," if limited else ""
         which = f" ({typed_theta(scenario.space, found.other)})" if found.other else ""
-        yield f"Robustness costs {costs}: what promises most nominally{those} does not hold{which}."
+        fails = _fails(found, scenario)
+        yield f"Robustness costs {costs}: what promises most nominally{those} does not hold{which}{fails}."
     else:
         those = "keeps the stated limits nominally but does" if limited else "does"
         yield f"Robustness costs nothing: no simulated θ that {those} not hold promises more."
+
+
+def _fails(found: RobustResult, scenario: Scenario) -> str:
+    """Return in how many runs what robustness is measured beside fails, and by what; "" if not known."""
+    if found.others_kept is None:
+        return ""
+    kpis, said = {kpi.name: kpi for kpi in scenario.kpis}, list[str]()
+    for name, count in found.losses[:_NAMED]:
+        limit = limits_text(kpis[name]) if name in kpis else ""
+        title = kpis[name].title if name in kpis else name.replace("_", " ")
+        lost = f"{title} {limit} missed" if limit else f"{title} infinite" if name else "no finite KPI"
+        said.append(f"{lost} in {count}")
+    by = f" ({'; '.join(said)})" if said else ""
+    failed = ENOUGH - found.others_kept
+    return f": {failed} of the same {ENOUGH} runs fail{'s' * (failed == 1)}{by}"
 
 
 def _more_often(found: RobustResult, scenario: Scenario) -> str:

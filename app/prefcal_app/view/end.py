@@ -600,8 +600,8 @@ def next_view(interview: Interview, report: Path | None) -> dict[str, Any]:
 
 
 def _written(interview: Interview, best: Path | None) -> dict[str, Any]:
-    """Return the PID of a best.json in each form, and the commands that write its controller as code."""
-    nothing: dict[str, Any] = {"forms": None, "export": []}
+    """Return the PID of a best.json in each form, commands that write its controller as code, and margins."""
+    nothing: dict[str, Any] = {"forms": None, "export": [], "margins": ""}
     if best is None:
         return nothing
     # The file has what the scenario says of its controller: a page never waits for somebody's function.
@@ -616,7 +616,26 @@ def _written(interview: Interview, best: Path | None) -> dict[str, Any]:
         {"command": shlex.join(["prefcal", "export", str(best), "--to", word]), "what": LANGUAGES[word]}
         for word in languages_of(settings)
     ]
-    return {"forms": pid_table(rows, str(before.get("what", ""))), "export": commands}
+    margins = tell_margins(_texts_in(best.parent / MARGINS))
+    return {"forms": pid_table(rows, str(before.get("what", ""))), "export": commands, "margins": margins}
+
+
+MARGINS = "margins.json"
+"""Name of the file of the margins in words, a list, in the folder of a report."""
+
+
+def _texts_in(path: Path) -> list[str]:
+    """Return the texts in a JSON file; none if there is no list in it."""
+    try:
+        content = json.loads(path.read_text("utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return []
+    return [*map(str, content)] if isinstance(content, list) else []
+
+
+def tell_margins(words: Sequence[str]) -> str:
+    """Return margins in words, a text each, as a sentence; "" without any."""
+    return f"Margins of the nominal loop: {'; '.join(words)}." if words else ""
 
 
 def _table(content: Any, name: str) -> Mapping[str, Any]:

@@ -33,7 +33,7 @@ def of_one_step():
         ("dead time in the sensor that nobody stated", pid, "dead time"),
         ("dead time in the states of a sampled model", in_samples, "poles at 0"),
         ("a valve with a rate", lambda: pid(delay=6.0), "rate of the actuators"),
-        ("another set point, since KPIs know one step only", of_one_step, "start, size and direction"),
+        ("another set point, since KPIs know one step only", of_one_step, "start, size and sign"),
     ],
 )
 def test_what_is_hidden_is_told_as_not_varied(hidden, make, told):

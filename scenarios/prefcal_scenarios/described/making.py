@@ -274,8 +274,17 @@ def limited(made: Scenario, limits: Sequence[str], where: str = "--limit") -> Sc
 def _measuring(made: Scenario, kpis: tuple[KPI, ...]) -> dict[str, Any]:
     """Return these KPIs as a change of a scenario, with what computes those that are margins."""
     new = _margins(made).keys() & {kpi.name for kpi in kpis} - {kpi.name for kpi in made.kpis}
-    run = {"run": made.source.measured(lambda _: MarginKPIs(function_of(made.source)))} if new else {}
-    return {"kpis": kpis, **run}
+    return {"kpis": kpis, **(_measured(made) if new else {})}
+
+
+def _measured(made: Scenario, **names: frozenset[str]) -> dict[str, Any]:
+    return {"run": made.source.measured(lambda _: MarginKPIs(function_of(made.source), **names))}
+
+
+def with_margins(made: Scenario) -> Scenario:
+    """Return a scenario whose closed loop measures those margins that its KPIs name and its runs lack."""
+    names = frozenset(_margins(made).keys() & {kpi.name for kpi in made.kpis if kpi.margin})
+    return replace(made, **_measured(made, names=names)) if names else made
 
 
 def _name(where: str, d: Description) -> str:

@@ -1,5 +1,6 @@
 """Margins of the nominal loop: where they hold, their rows in a table, and whether they keep their limits."""
 
+import pickle
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -11,7 +12,8 @@ from prefcal_env.controllers.margins import UNCONSTRAINED, UNSTABLE, Margins, ma
 from prefcal_env.envs.task import Task
 from prefcal_env.envs.varied_loop import at_target
 from prefcal_env.plants.plant import Plant
-from prefcal_env.sources.source import Varied
+from prefcal_env.sources.source import Source, Varied
+from prefcal_env.workers import Terms, Worker
 from prefcal_scenarios.scenario import KPI
 from prefcal_scenarios.wording import labeled, limits_text, number, quantity
 
@@ -37,6 +39,30 @@ def margins_at(known: Varied, theta: Float[np.ndarray, " n"]) -> Margins | str:
         return start
     there = replace(there, place=_place(loop.plant, target))
     return replace(start, place=_place(loop.plant, loop.task), target=there)
+
+
+_PATIENCE = 20.0  # seconds that a report waits for the margins of somebody's own code
+
+
+def margins_apart(source: Source, thetas: Sequence[Float[np.ndarray, " n"]]) -> tuple[Margins | str, ...]:
+    """Return the margins of physical θ, each of shape (n,), from a process of its own, as code may never end.
+
+    Raises:
+        RunError: If they take long, or the process dies.
+    """
+    work = pickle.dumps((_working, (source.elsewhere,)))
+    worker = Worker(lambda: work, _PATIENCE, Terms("the computation of margins", again=False, quiet=True))
+    try:
+        found: tuple[Margins | str, ...] = worker.run(list(thetas))
+        return found
+    finally:
+        worker.close()
+
+
+def _working(source: Source) -> Callable[[Sequence[Float[np.ndarray, " n"]]], tuple[Margins | str, ...]]:
+    """Return, in a worker, the function of θ that returns their margins."""
+    known = source.varied()
+    return lambda thetas: tuple(margins_at(known, theta) for theta in thetas)
 
 
 def _place(plant: Plant, task: Task) -> str:
@@ -67,11 +93,27 @@ def margins_said(found: Sequence[Margins | str], time_unit: str) -> tuple[tuple[
     if (moved := next((m for m in found if isinstance(m, Margins) and m.target), None)) is not None:
         assert moved.target is not None
         there = f": its start is {moved.place}, its target {moved.target.place}"
-    return tuple(_margin_rows(found, time_unit)), f"margins of {UNCONSTRAINED}{stable}{there}"
+    lower = "".join(_say_lower_gain(first))
+    return tuple(_margin_rows(found, time_unit)), f"margins of {UNCONSTRAINED}{stable}{there}{lower}"
+
+
+def _say_lower_gain(m: Margins) -> Iterator[str]:
+    """Yield between what the gain may change where it must not fall by more, a text for each place."""
+    places = (("at the start, ", m), ("at the target, ", m.target)) if m.target else (("", m),)
+    for place, each in places:
+        if each and 0 < each.gain_reduction < 1:
+            fall, rise = (number(float(f"{factor:.3g}")) for factor in (each.gain_reduction, each.gain))
+            rises = f"to {rise} times" if np.isfinite(each.gain) else "without limit"
+            yield f"; {place}the gain may fall to {fall} times its value or rise {rises}"
+
+
+def list_margins(rows: Sequence[Sequence[str]]) -> tuple[str, ...]:
+    """Return the rows of margins in words, with those before in brackets, if they are known."""
+    return tuple(f"{name}: {after}{f' (before {old[0]})' if old else ''}" for name, after, *old in rows)
 
 
 def _margin_rows(found: Sequence[Margins | str], time_unit: str) -> Iterator[tuple[str, ...]]:
-    """Yield a row for each margin; a gain margin has a second number if the gain must not fall by more.
+    """Yield a row for each margin; a gain margin says both ways if the gain must not fall by more.
 
     They are rounded as the KPIs are that have limits: what is printed is what a limit is compared with.
     Of a plant that is another one at its target, each has two rows.
@@ -98,8 +140,8 @@ def _margin(m: Margins | str, read: Callable[[Margins], str]) -> str:
 
 
 def _gain_margin(m: Margins) -> str:
-    down = f", {number(_decibels(m.gain_reduction))}" if 0 < m.gain_reduction < 1 else ""
-    return number(_decibels(m.gain)) + down
+    up = number(_decibels(m.gain))
+    return f"{up} up, {number(-_decibels(m.gain_reduction))} down" if 0 < m.gain_reduction < 1 else up
 
 
 def _decibels(factor: float) -> float:

@@ -407,10 +407,15 @@ class Verification:
     @property
     def misses_margin(self) -> bool:
         """Return whether the nominal loop misses a limit on a margin, or is not stable at its target."""
-        found, values = self.tuning.margins, self.tuning.nominal.kpis
+        found = self.tuning.margins
+        return (isinstance(found, Margins) and found.target == UNSTABLE) or bool(self.missed_margins)
+
+    @property
+    def missed_margins(self) -> tuple[KPI, ...]:
+        """Return the margins whose limits the nominal loop misses."""
+        values = self.tuning.nominal.kpis
         stated = (k for k in self.kpis if k.margin and k.name in values)
-        unstable = isinstance(found, Margins) and found.target == UNSTABLE
-        return unstable or any(k.met(k.read(values[k.name])) is False for k in stated)
+        return tuple(k for k in stated if k.met(k.read(values[k.name])) is False)
 
     @property
     def statement(self) -> str:

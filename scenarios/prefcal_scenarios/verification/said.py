@@ -18,6 +18,7 @@ from prefcal_env.sources.varied import Factor, LeftOut, Ranges
 from prefcal_scenarios.scenario import KPI, Scenario
 from prefcal_scenarios.wording import (
     comparable,
+    join_words,
     labeled,
     limits_text,
     number,
@@ -283,17 +284,28 @@ def _next(found: Verification, scenario: Scenario, baseline: str, again: str) ->
         first = "state a limit on M_s, such as at most 2," if free else "begin elsewhere (--start)"
         stable = other or f"look for a stable loop: {first} and repeat the study"
         return (*filter(None, [before]), stable)
+    margin = _keep_margins(found, again, other)
     if not found.failed:
-        return widen
+        return (*filter(None, [margin]), *widen)
     alone = f"if nothing but {found.stated} counts, verify that alone, with --range task=0"
     chance = _leave_to_a_person(found) if other and len(found.failed) < CHANCE else ""
-    every = (before, chance, other, found.limiting, alone if found.holds_as_stated else "", *widen)
+    every = (before, chance, other, margin, found.limiting, alone if found.holds_as_stated else "", *widen)
     if before or other:  # where a better tuning is known, no limit has to go
         return tuple(filter(None, every))
     if found.stopped:  # a limit is relaxed only where no tuning that was tried holds in more
         return (*filter(None, every), _STOPPED)
     left = "" if found.holds_as_stated else _nothing_else(found)
     return (*filter(None, (*every, left)), *found.advice)
+
+
+def _keep_margins(found: Verification, again: str, other: str) -> str:
+    """Return how to look for a tuning that keeps the limits on margins; "" if one does that is advised."""
+    best = found.others.best if found.others and other else None
+    kept = found.before_holds or (best is not None and replace(found, tuning=best).sound)
+    if kept or not found.missed_margins:
+        return ""
+    limits = join_words([f"{kpi.title} {limits_text(kpi)}" for kpi in found.missed_margins])
+    return f"look for a tuning that keeps {limits}: search on from this one, {again}"
 
 
 def _before(found: Verification, scenario: Scenario, baseline: str, *, alone: bool) -> str:

@@ -108,19 +108,52 @@ def which_keep(
     nominal, count = many(thetas), len(runs)
     made = many([np.append(theta, k) for theta in thetas for k in runs])
     parts = (made[row * count : (row + 1) * count] for row in range(len(thetas)))
-    kept = [_keep(reading, *both, margins) for both in zip(nominal, parts, strict=True)]
+    kept = [
+        ~_lose(reading, own, part, margins).any(axis=1) & _is_finite(own, margins)
+        for own, part in zip(nominal, parts, strict=True)
+    ]
     return np.array(kept, dtype=np.bool_).reshape(len(thetas), count)
 
 
-def _keep(
+def count_losses(
+    many: Callable[[Sequence[Theta]], Sequence[Outcome]],
+    reading: Reading,
+    theta: Theta,
+    runs: range,
+    *,
+    margins: Collection[str] = (),
+) -> dict[str, int]:
+    """Return in how many perturbed runs of a θ, physical, shape (n,), each KPI is lost, by its name.
+
+    A run without any finite KPI, as one has that ends early, counts as "" alone. For the arguments see
+    `which_keep`.
+    """
+    (nominal,), made = many([theta]), many([np.append(theta, k) for k in runs])
+    finite = [_is_finite(run, margins) for run in made]
+    lost = _lose(reading, nominal, list(compress(made, finite)), margins).sum(axis=0).tolist()
+    counts = {"": len(made) - sum(finite), **dict(zip(_judged(nominal, margins), lost, strict=True))}
+    return {name: count for name, count in counts.items() if count}
+
+
+def _is_finite(run: Outcome, margins: Collection[str]) -> bool:
+    """Return whether any KPI of a run that is no margin is finite: none is if it ended early, or failed."""
+    return any(np.isfinite(run[name]) for name in _judged(run, margins))
+
+
+def _judged(nominal: Outcome, margins: Collection[str]) -> list[str]:
+    """Return the names of the KPIs that perturbed runs can lose."""
+    return [name for name in nominal if name not in margins]
+
+
+def _lose(
     reading: Reading, nominal: Outcome, runs: Sequence[Outcome], margins: Collection[str]
-) -> Bool[np.ndarray, " r"]:
-    """Return which runs lose nothing that the nominal one has; none if that was interrupted, or failed."""
-    names = [name for name in nominal if name not in margins]
+) -> Bool[np.ndarray, "r k"]:
+    """Return which of the KPIs of `_judged` each run loses that the nominal one has, shape (r, k)."""
+    names = _judged(nominal, margins)
     rows = [[run.get(name, nominal[name]) if run else np.inf for name in names] for run in runs]
     values = reading.table(names, np.array([[nominal[name] for name in names], *rows]))
     lost = values > [reading.limits.get(name, np.finfo(float).max) for name in names]
-    return np.asarray(~(lost[1:] & ~lost[0]).any(axis=1) & np.isfinite(values[0]).any())
+    return np.asarray(lost[1:] & ~lost[0])
 
 
 # --- Run a tuning on varied plants, on all cores.

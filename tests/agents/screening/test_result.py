@@ -204,9 +204,17 @@ class Fast:
     def holds(self, thetas, runs):
         return kept_first([self.kept if theta[0] > self.edge else ENOUGH for theta in thetas], runs)
 
+    def losses(self, theta, runs):
+        failed = int((~self.holds([theta], runs)).sum())
+        return {"noise": 1, "time": failed}
+
 
 class Plain(Fast):
     holds = None
+
+
+class Quiet(Fast):
+    losses = None
 
 
 def studied(simulate, seed=0, n_max=7, start=None):
@@ -287,6 +295,9 @@ def test_the_price_is_what_the_best_nominal_one_is_better_in():
     assert (name, ours) == ("time", 2.0 - agent.best[0])
     assert 1.0 <= theirs < ours, "nothing takes less than 1 s"
     assert theirs == 2.0 - found.other[0], "which it names"
+    assert (found.others_kept, found.losses) == (Fast().kept, (("time", ENOUGH - Fast().kept), ("noise", 1)))
+    plain = everything(studied(Quiet())).robustness
+    assert (plain.others_kept, plain.losses) == (Fast().kept, ()), "a function need not say why"
     assert everything(studied(Fast(edge=1.0))).robustness.costs == ()
     assert everything(studied(Plain())).robustness is None
 

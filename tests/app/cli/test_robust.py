@@ -24,7 +24,9 @@ def test_a_robust_study_says_how_its_result_holds_and_what_that_costs(done, pref
     assert f"{kept} and reach what the nominal run" in said
     assert "(no limit is stated). They vary time constant of temperature, time" in said
     assert "and the seed of the noise; prefcal verify also varies" in said
-    assert "direction. Robustness costs" in said
+    assert "sign of the step. Robustness costs" in said
+    assert "Margins of the nominal loop: gain margin [dB]: " in said
+    assert "<li>gain margin [dB]: " in Path("out", "report.html").read_text("utf-8")
     sheet = " ".join(Path("out", "acceptance.html").read_text("utf-8").split())
     assert f"<dt>Robust study</dt><dd>{kept}" in sheet
     configuration = state_of("mine").configuration

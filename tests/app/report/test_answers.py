@@ -4,6 +4,7 @@ import json
 import re
 from dataclasses import replace
 from html import unescape
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -24,10 +25,13 @@ from prefcal_app.report.write import (
     write_report,
 )
 from prefcal_app.summary import Outlook
+from prefcal_app.view.end import tell_margins
 from prefcal_env.disk import digest_of
 from prefcal_env.experiments.experiment import End
 from prefcal_scenarios.catalog import load
+from prefcal_scenarios.isolated import isolation
 from prefcal_scenarios.scenario import KPI
+from prefcal_scenarios.verification import loop_margins
 from prefcal_scenarios.verification.said import BEST
 from support.verified import FOUND
 from toy_study import PID_SETTINGS, toy_record
@@ -116,7 +120,7 @@ def test_what_nobody_looked_at_is_not_verified():
 class Study(SimpleNamespace):
     """A study without comparisons, of which only margins are asked."""
 
-    margins = StudyRecord.margins
+    margins, margin_words = StudyRecord.margins, StudyRecord.margin_words
 
 
 def test_margins_stand_beside_those_before_and_an_error_of_own_code_is_said(monkeypatch):
@@ -133,6 +137,23 @@ def test_margins_stand_beside_those_before_and_an_error_of_own_code_is_said(monk
 
     monkeypatch.setattr("prefcal_scenarios.verification.loop_margins.margins", fails)
     assert dict(unverified(Study(**known)))["Margins"] == "not verified: no margins: no plant"
+
+
+def test_margins_of_somebodys_own_loop_come_from_a_process_that_may_be_ended(monkeypatch):
+    source = f"{Path(__file__).parents[3] / 'docs' / 'dc_motor.py'}:motor"
+    here = load(source)
+    theta = here.space.decode(np.full(len(here.space), 0.5))
+    trial = SimpleNamespace(experiment=here.run(theta))
+    known = {"result": trial, "before": trial}
+    with isolation(source) as isolated:
+        apart = Study(scenario=isolated(here), **known)
+        there = dict(unverified(apart))["Margins"]
+        assert there == dict(unverified(Study(scenario=here, **known)))["Margins"]
+        assert apart.margin_words == there[:-1]
+        assert tell_margins(apart.margin_words).startswith("Margins of the nominal loop: gain margin [dB]: ")
+        monkeypatch.setattr(loop_margins, "_PATIENCE", 1e-9)
+        late = dict(unverified(Study(scenario=isolated(here), **known)))["Margins"]
+        assert re.fullmatch("not verified: no margins: .* took longer than .*", late)
 
 
 @pytest.mark.parametrize("content", ["{", '{"x": 1}'])
@@ -192,8 +213,11 @@ def test_what_was_verified_is_said_with_what_was_not():
         "beyond these ranges: not verified",
     )
     assert found["Not varied"] == (
-        "sampling jitter; what the model lacks, such as a resonance; other loops, also with a wrong sign; "
-        "actuators that differ up and down, or stick; failures of sensors and actuators. Why: report.html."
+        "sampling jitter (a period has one length here)",
+        "what the model lacks, such as a resonance (nobody stated it: the margins say how much is bearable)",
+        "other loops, also with a wrong sign (they are not in the model)",
+        "actuators that differ up and down, or stick (they are as modeled)",
+        "failures of sensors and actuators (they are not simulated)",
     )
     unknown = replace(FOUND, margins=(), margins_kept="", basis="no margins: the plant is not known")
     assert dict(verified_answers(unknown))["Margins"] == "not verified: no margins: the plant is not known"

@@ -27,6 +27,7 @@ from prefcal_env.errors import ScenarioError, SettingsError, StaleError
 from prefcal_env.experiments.experiment import Channel, Channels, Measurement
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.names import CLOSED_LOOPS
+from prefcal_scenarios.own import joined_source
 from prefcal_scenarios.scenario import KPI
 from toy_study import TOY_FILE, toy_record
 
@@ -122,6 +123,19 @@ def test_the_model_of_a_study_is_named_by_its_file_and_its_digest_or_by_its_page
     for name in ("cstr", "overtake", *CLOSED_LOOPS):
         page = model(replace(record, source=name)).rpartition("documented in ")[2].rstrip(".")
         assert name in (Path(__file__).parents[3] / page).read_text(encoding="utf-8").lower()
+
+
+def test_the_configuration_of_a_scenario_is_said_in_words():
+    limits = ["overshoot <= 8 %", "phase_margin >= 45"]
+    config = {"plant": "oven.py:plant", "limits": limits, "reference": {"T": 60.0}, "stop_time": 300.0}
+    said = model(replace(toy_record(), source=joined_source("pid", config)))
+    words = (
+        "limits overshoot <= 8 % and phase_margin >= 45, plant oven.py:plant, reference T = 60, stop time 300"
+    )
+    assert said.startswith(f"pid: {words}, prefcal ")
+    cars = {"lanes_count": 3, "cars": [{"x": 1.0}, {"x": 2.0}], "quiet": True}
+    said = model(replace(toy_record(), source=joined_source("overtake", cars)))
+    assert said.startswith("overtake: cars (2 entries), lanes count 3, quiet True, prefcal ")
 
 
 def test_a_study_is_complete_where_little_is_left_to_gain():

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import partial
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from prefcal_scenarios import load
 from prefcal_scenarios.described.pid_scenario import pid_scenario
 from prefcal_scenarios.described.steps import Mark
 from prefcal_scenarios.scenario import panels_of
-from prefcal_scenarios.style import GOOD, LIMIT
+from prefcal_scenarios.style import GOOD, LIMIT, WIDTH, style
 from prefcal_scenarios.verification.result import VerifiedRun
 from prefcal_scenarios.verification.varied_runs import replays
 from prefcal_scenarios.wording import number
@@ -44,6 +45,29 @@ def test_theta_stays_above_its_own_half_and_leaves_room_for_curves(name):
         assert texts[0].get_text().count("=") == len(scenario.space)
 
 
+@pytest.mark.parametrize("wide", [112 / 25.4, WIDTH, None])
+def test_long_titles_are_whole_and_touch_no_other_text(wide):
+    """The load comes late, so that the time is split: beside each other, as on the sheet (in inches)."""
+    valve = Channel("position of the steam valve of line 2", "%", low=0, high=100)
+    out = Channel("temperature behind the second heat exchanger", "°C")
+    plant = Plant.of(([0.8], [20.0, 1.0]), delay=6.0, inputs=[valve], outputs=[out])
+    scenario = pid_scenario(plant, horizon=1500.0)
+    both = [scenario.run(scenario.references[name]) for name in ("MIGO", "SIMC")]
+    curves = [DrawnRun(run, str(k), GOOD) for k, run in enumerate(both)]
+    draws = partial(panels_of, scenario)
+    with style():
+        drawn = figure(scenario, *both) if wide is None else overlaid(draws, curves, most=2.44, width=wide)
+        FigureCanvasAgg(drawn).draw()
+    shown = [axes for axes in drawn.axes if axes.get_visible()]
+    assert len(shown) == (8 if wide is None else 4)
+    titles = [axes.get_title("left").replace("\n", " ") for axes in shown]
+    assert titles.count(f"{valve.name} [%] · limits 0 to 100") == (4 if wide is None else 1)
+    texts = [axes._left_title for axes in shown if axes.get_title("left")]
+    boxes = [t.get_window_extent() for t in (*texts, *(t for axes in shown for t in axes.texts))]
+    assert all(box.x1 <= drawn.bbox.width for box in boxes)
+    assert not any(a.overlaps(b) for a, b in combinations(boxes, 2))
+
+
 def test_a_varied_plant_has_a_target_of_its_own():
     scenario = load("lag")
     nominal = scenario.run(scenario.space.decode(np.full(len(scenario.space), 0.5)))
@@ -64,7 +88,7 @@ def test_a_run_with_another_step_is_drawn_with_the_target_it_had():
     )
     scenario = pid_scenario(plant, reference={"T": 100.0})
     theta = scenario.references["MIGO"]
-    values = {"size of the step": 0.85, "start": 0.1, "direction": -1.0}
+    values = {"size of the step": 0.85, "start": 0.1, "sign of the step": -1.0}
     runs = [VerifiedRun(v, 0, End.TIME_UP, {}) for v in ({}, values)]
     nominal, varied = replays(scenario, theta, runs)
     start = nominal.output(0)[0]

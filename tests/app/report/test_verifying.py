@@ -15,10 +15,12 @@ from prefcal_app.report import verifying
 from prefcal_app.report.pictures import open_loop
 from prefcal_app.report.verifying import judge, picture, verify_best, written_beside
 from prefcal_app.report.write import FILE, LOOP, data_uri, refresh, write_report
+from prefcal_app.view.end import MARGINS
+from prefcal_env.controllers.margins import margin_kpis
 from prefcal_env.disk import digest_of
 from prefcal_env.errors import ScenarioError, SettingsError, StaleError
 from prefcal_env.sources.source import plant_of
-from prefcal_scenarios import load
+from prefcal_scenarios import KPI, load
 from prefcal_scenarios.described.description import join_limits
 from prefcal_scenarios.verification.loop_margins import margins_at
 from prefcal_scenarios.verification.result import command_of
@@ -78,9 +80,12 @@ def test_a_tuning_that_stays_is_not_run_beside_itself(best):
 
 
 def test_an_open_loop_of_another_tuning_is_removed(best):
-    verify_best(best, 2, jobs=1)
+    said = verify_best(best, 2, jobs=1)
+    words = json.loads((best.parent / MARGINS).read_text("utf-8"))
+    assert words == [f"{name}: {value}" for name, value in said.margins]
     write_report(toy_record(), best.parent)
     assert not (best.parent / LOOP).exists()
+    assert not (best.parent / MARGINS).exists()
 
 
 def test_the_open_loop_of_a_plant_that_each_run_makes_anew_is_drawn():
@@ -206,6 +211,14 @@ def test_a_relaxed_limit_takes_the_place_of_that_of_the_same_kpi_in_a_whole_comm
     assert new == f"{begin} --seed 3 --limit 'most <= 10' --limit 'ts <= 3 s'"
     new = command(0, join_limits(stated, ["most <= 12"], titles))
     assert new == f"{begin} --limit 'settling time <= 2' --limit 'most <= 12'"
+
+
+def test_a_margin_is_named_as_a_python_file_states_it():
+    M_s, phase, *_ = (k for k in margin_kpis("s") if k.name in ("M_s", "phase_margin"))
+    code = verifying._as_code(replace(M_s, at_most=1.3))
+    assert code == 'KPI("M_s", "maximum sensitivity M_s", "", at_most=1.3, margin=True)'
+    assert eval(code, {"KPI": KPI}).met(1.31) is False
+    assert verifying._as_code(replace(phase, at_least=45.0)).endswith('"°", at_least=45, margin=True)')
 
 
 def test_what_an_earlier_verification_of_the_same_tuning_said_stands_beside_one_that_asks_otherwise():

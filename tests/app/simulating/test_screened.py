@@ -375,6 +375,15 @@ def test_a_robust_result_that_misses_what_another_keeps_is_not_said_to_hold():
         "Robustness costs about 19 % of time t_f (4.3 instead of 3.6): what promises most nominally, of what "
         "keeps the stated limits, does not hold (K=0.5)."
     )
+    losses = (("peak", 80), ("t_f", 9), ("J", 3), ("", 2))
+    limited = replace(scenario, kpis=(*kpis, KPI("J", "index J", better="lower")))
+    failing = replace(held, others_kept=212, losses=losses)
+    assert [*robust(failing, limited)][-1].endswith(
+        "does not hold (K=0.5): 88 of the same 300 runs fail (peak ≤ 1 missed in 80; time t_f ≤ 5 missed "
+        "in 9; index J infinite in 3)."
+    )
+    one = replace(held, others_kept=299, losses=(("", 1),))
+    assert [*robust(one, limited)][-1].endswith("(K=0.5): 1 of the same 300 runs fails (no finite KPI in 1).")
     assert [*robust(replace(held, costs=()), scenario)][-1] == (
         "Robustness costs nothing: no simulated θ that keeps the stated limits nominally but does not hold "
         "promises more."

@@ -9,13 +9,16 @@ import pytest
 from prefcal_app.cli.studies.commands import RespaceOptions
 from prefcal_app.cli.studies.files import respace
 from prefcal_app.session import Choice, actions
-from prefcal_app.summary import at_end, begin_with, falls_outward, outlook, study_name
+from prefcal_app.summary import at_end, begin_with, falls_outward, others_unbeaten, outlook, study_name
 from prefcal_env.experiments.experiment import End
 from prefcal_env.knobs import Knob, KnobSpace
+from prefcal_env.preferences.answer import Answer
+from prefcal_env.preferences.history import History
 from prefcal_env.study import StudyFile
 from prefcal_env.study.file import study_path
 from prefcal_scenarios import KPI
 from prefcal_scenarios.wording import typed_theta
+from support.histories import in_cube
 from support.interviews import begin, clock, proceed
 from toy_study import TOY, toy_scenario
 
@@ -219,3 +222,33 @@ def test_what_misses_no_objective_is_named_before_any_other_advice():
     for limiting in ("", "heater"):
         found = outlook(*given, missed=["peak"], limiting=limiting, keeping=keeping, helps=always)
         assert found.missed == f"The best experiment misses the objective for peak: {keeping}."
+
+
+def recorded(*answers):
+    """A record in which each new experiment met the best so far; 0 is "about the same"."""
+    history = History()
+    for h, answer in enumerate((None, *answers)):
+        history = history.with_pending(in_cube([h / 50, 0.5]))
+        history = history.with_answer(Answer.of(answer), history.incumbent)
+    return history
+
+
+def test_what_looked_alike_to_the_person_is_named_beside_the_result_and_is_no_slip():
+    alike = "about the same as experiment 2: a tie does not change which one is the best."
+    assert others_unbeaten(recorded(-1, 1)) == ""
+    assert others_unbeaten(recorded(-1, 1, 0)) == f"The answers call experiment 4 {alike}"
+    tied = recorded(-1, 0, 0)
+    assert others_unbeaten(tied) == f"The answers call experiments 3 and 4 {alike}"
+    # Asked again, the person saw a difference: the latest answer counts.
+    again = tied.with_follow_up(Answer(1), 3, 1)
+    assert others_unbeaten(again) == f"The answers call experiment 3 {alike}"
+    chosen = tied.with_best(2)
+    assert (chosen.incumbent, chosen.by_answers) == (2, 1)
+    assert others_unbeaten(chosen) == (
+        "The answers call experiments 2 and 3 about the same: all together they speak for 3."
+    )
+    assert others_unbeaten(chosen, robust=True) == (
+        "The answers call experiments 2 and 3 about the same: of those shown that hold on the most varied "
+        "plants, they prefer 3."
+    )
+    assert others_unbeaten(recorded(-1, 1).with_best(2)).endswith("so one of them is probably a slip.")

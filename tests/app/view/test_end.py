@@ -10,7 +10,7 @@ from prefcal_agents.screening.findings import Findings, RobustResult
 from prefcal_app.session import Choice, actions
 from prefcal_app.summary import Spread
 from prefcal_app.view import now_view
-from prefcal_app.view.end import baseline_of, curves_of_both, gain_view, gained, runs_held
+from prefcal_app.view.end import MARGINS, baseline_of, curves_of_both, gain_view, gained, runs_held
 from prefcal_env import PID, Channel, Channels
 from prefcal_env.controllers import as_data
 from prefcal_scenarios.scenario import KPI
@@ -225,6 +225,15 @@ def test_the_end_gives_a_pid_in_each_form_and_says_how_to_write_the_controller(t
     assert cells["K_i"] == ["parallel", "0.1", "0.05"]
     assert cells["T_i′"] == ["series", "–", "–"]  # 4 * 8 > 20
     assert "–: the series form cannot have a T_d above about a quarter of T_i." in forms["caption"]
+    assert found["margins"] == ""
+    for odd in ("{", "{}", "3"):
+        (tmp_path / MARGINS).write_text(odd)
+        assert over(tmp_path)[2]["next"]["margins"] == ""
+    words = ["gain margin [dB]: 9 (before 7)", "phase margin [°]: 50 (before 41)"]
+    (tmp_path / MARGINS).write_text(json.dumps(words))
+    assert over(tmp_path)[2]["next"]["margins"] == (
+        "Margins of the nominal loop: gain margin [dB]: 9 (before 7); phase margin [°]: 50 (before 41)."
+    )
     best = tmp_path / "best.json"
     assert [each["command"] for each in found["export"]] == [
         f"prefcal export {best} --to st",

@@ -514,7 +514,7 @@ def test_stated_limits_have_their_place_in_a_picture():
         Mark("T", 51.0, 51.0, 0.0, 128.0),  # the first sample from 127.6 s on, at which the load acts
     ]
     assert marks_of(made.kpis, run, 2 * phase) == []
-    turned = made.source.varied().at({"direction": -1.0})(made.references["MIGO"])
+    turned = made.source.varied().at({"sign of the step": -1.0})(made.references["MIGO"])
     assert Mark("T", 29.0, 29.0, 0.0, 128.0) in marks_of(kpis, turned, 2 * phase)
 
 

@@ -1,13 +1,15 @@
-"""Files that take long to load: a word soon; exit in a file is an error."""
+"""Own files: a word soon of those that take long, exit is an error, and margins that their KPIs name."""
 
 import logging
 import sys
 
+import numpy as np
 import pytest
 
 from prefcal_env.errors import ScenarioError
-from prefcal_scenarios import own
+from prefcal_scenarios import load, own
 from prefcal_scenarios.own import SAYS, module_at
+from prefcal_scenarios.verification.loop_margins import margins_at
 
 
 @pytest.fixture
@@ -85,3 +87,38 @@ def test_a_mistake_in_a_file_beside_that_hides_nothing_is_told_as_it_is(tmp_path
         module_at(path)
     assert "has no attribute 'y'" in str(caught.value)
     assert "rename" not in str(caught.value)
+
+
+LOOP = """
+import numpy as np
+from prefcal_env import PID, Channel, ClosedLoop, Knob, KnobSpace, Plant, PlantEnv, Task
+from prefcal_scenarios import KPI, Scenario
+
+valve = Channel("valve", "%", low=-50, high=50)
+plant = Plant.of(([2.0], [30.0, 1.0]), inputs=[valve], outputs=[Channel("T", "K", target=1.0)])
+loop = ClosedLoop(
+    PlantEnv(plant, Task(np.zeros(1), np.zeros(1), np.ones(1), horizon=60.0)),
+    lambda theta: PID.of_gains(theta[0], 0.1, 0.0, T_s=1.0, plant=plant),
+    KPIS,
+)
+KPIs = (KPI("M_s", "maximum sensitivity M_s", at_most=2.0, margin=True), KPI("end", "end", better="lower"))
+scenario = Scenario("mine", "Mine", KnobSpace([Knob("K_p", 0.5, 5.0)]), loop, kpis=KPIs)
+"""
+
+
+def test_a_loop_of_an_own_file_measures_the_margins_that_its_kpis_name(tmp_path):
+    file, theta = tmp_path / "mine.py", np.array([2.0])
+    file.write_text(LOOP.replace("KPIS", 'lambda e: {"end": float(e.x[-1, 0])}'))
+    made = load(f"{file}:scenario")
+    known = margins_at(made.source.varied(), theta)
+    values = made.run(theta).kpis
+    assert values["M_s"] == pytest.approx(known.M_s, rel=1e-12)
+    assert made.kpis[0].met(values["M_s"])
+    # What its own code computes by that name stays, and nothing is measured beside it.
+    (tmp_path / "own.py").write_text(LOOP.replace("KPIS", 'lambda e: {"end": 1.0, "M_s": 9.0}'))
+    assert load(f"{tmp_path / 'own.py'}:scenario").run(theta).kpis == {"end": 1.0, "M_s": 9.0}
+    (tmp_path / "no.py").write_text(
+        LOOP.replace("KPIS", 'lambda e: {"end": 1.0}').replace(", margin=True", "")
+    )
+    no = load(f"{tmp_path / 'no.py'}:scenario")
+    assert no.run(theta).kpis == {"end": 1.0}, "it is a KPI of their own, which their code has to compute"

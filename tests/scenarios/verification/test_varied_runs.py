@@ -32,7 +32,7 @@ from prefcal_env.sources.varied import UNMODELED, Factor, within
 from prefcal_scenarios import KPI, Scenario, load
 from prefcal_scenarios.described.pid_scenario import pid_scenario
 from prefcal_scenarios.verification import replay, verify
-from prefcal_scenarios.verification.result import Others, most_probable
+from prefcal_scenarios.verification.result import Others, Robustness, most_probable
 from prefcal_scenarios.verification.said import Verified
 from support.tank import pi_of
 
@@ -445,7 +445,7 @@ def test_runs_that_fail_at_targets_that_nobody_stated_are_counted_apart():
     assert 0 < bad < 50  # 2 / 0.9 is 2.22: with the stated target, every mass holds
     assert found.headline == (
         f"Does not hold beyond the stated target and load: {100 - bad} of 100 runs keep the stated limits; "
-        "at the stated target and load, 100 of the same 100 hold; not varied: direction."
+        "at the stated target and load, 100 of the same 100 hold; not varied: sign of the step."
     )
     assert {*found.as_stated[0].values} == {"mass"}
     assert [each.seed for each in found.as_stated[:bad]] == [each.seed for each in found.failed]
@@ -469,8 +469,8 @@ def test_runs_that_fail_at_targets_that_nobody_stated_are_counted_apart():
     # It does what it says: nothing of the task varies then, and no other verdict follows.
     alone = verify(tracking, THETA, 100, ranges={"task": 0.0}, jobs=1)
     assert alone.headline == (
-        "Holds: 100 of 100 runs keep the stated limits; not varied: direction, size of the step, size of the "
-        "load."
+        "Holds: 100 of 100 runs keep the stated limits; not varied: sign of the step, size of the step, size "
+        "of the load."
     )
     for names, words in (
         ((SHIFT,), "start"),
@@ -498,7 +498,7 @@ def test_what_fails_at_the_stated_target_too_is_not_excused_by_it():
     assert 0 < still < len(bad)
     assert found.headline == (
         f"Does not hold: {100 - len(bad)} of 100 runs keep the stated limits; {still} of the {len(bad)} "
-        "failures happen at the stated target and load, too; not varied: direction."
+        "failures happen at the stated target and load, too; not varied: sign of the step."
     )
     assert not any("task=0" in each for each in Verified.of(found, tracking, "", "1.0", "").advice)
     # Nominally, the stated target alone decides.
@@ -515,7 +515,7 @@ def test_what_misses_a_stated_margin_or_is_not_stable_at_its_target_does_not_hol
     held = f"{100 - len(found.failed)} of 100 runs keep the stated limits"
     assert found.headline == (
         f"Does not hold: {held}; at the stated target and load, 100 of the same 100 hold; not varied: "
-        "direction. Margins of the nominal loop: stiffness 4, required ≤ 3.9: NOT kept."
+        "sign of the step. Margins of the nominal loop: stiffness 4, required ≤ 3.9: NOT kept."
     )
     assert not any("task=0" in each for each in Verified.of(found, SPRING, "", "1.0", "").advice)
     kept = replace(found, kpis=(kpis[0], replace(margin, at_most=5.0)))
@@ -607,7 +607,7 @@ def test_between_which_values_an_output_starts_and_is_sent_is_said_in_its_unit()
     assert told["size of the step"] == (
         "usual, step of T by 10 °C at the start; alone: targets from 8 to 12 °C"
     )
-    assert told["direction"] == "usual, alone: target of T at −10 °C"
+    assert told["sign of the step"] == "usual, alone: target of T at −10 °C"
 
 
 def test_what_not_even_the_nominal_run_reaches_stands_in_the_headline():
@@ -911,10 +911,10 @@ def test_a_change_of_a_kind_scales_usual_ranges_and_leaves_two_values_alone():
     assert wide["range of valve"] == pytest.approx((0.8, 1.0))
     assert wide["noise"] == (0.75, 1.5)
     assert wide["resolution of sensors"] == (0, 0.0025)
-    assert wide["direction"] == (-1, 1)
+    assert wide["sign of the step"] == (-1, 1)
     assert wide["size of the load"] == pytest.approx((0.9, 1.1))
     assert wide["time constant of temperature"] == pytest.approx((1, 1.2))
-    assert "direction" not in lows_and_highs("lag", {"direction": 0})
+    assert "sign of the step" not in lows_and_highs("lag", {"sign of the step": 0})
     reactor = lows_and_highs("cstr", {"parameter": 0.2})
     assert reactor["activation energy"] == pytest.approx((0.98, 1.02))
     assert reactor["heat of reaction"] == pytest.approx((0.8, 1.2))
@@ -934,7 +934,7 @@ def test_a_change_of_a_kind_scales_usual_ranges_and_leaves_two_values_alone():
         ({"sensor": 3}, "'noise' would be -0.5 to 4 times the stated, but only 0 to inf"),
         ({"range of valve": 0.2}, "would be 0.8 to 1.2 times the stated, but only 0.01 to 1"),
         ({"backlash": 0.2}, "'backlash' would be -0.2 to 0.2"),
-        ({"direction": 0.1}, "'direction' is -1 or 1: only 0"),
+        ({"sign of the step": 0.1}, "'sign of the step' is -1 or 1: only 0"),
     ],
 )
 def test_an_impossible_range_is_refused(ranges, says):
@@ -1005,6 +1005,35 @@ def test_a_tuning_holds_if_all_runs_and_the_nominal_loop_keep_what_is_stated_of_
         "Holds, but a stated margin is missed: 3 of 3 runs keep the stated limits. Margins of the nominal"
     )
     assert close.headline.startswith(missed)
+
+
+def test_where_the_nominal_loop_misses_a_stated_margin_the_study_that_looks_for_one_is_offered():
+    found = verify(replace(SPRING, kpis=(KPI("weight", "weight", at_most=9.0),)), THETA, 3, jobs=1)
+    M_s = KPI("M_s", "maximum sensitivity M_s", at_most=2.0, margin=True)
+    phase = KPI("phase_margin", "phase margin", "°", at_least=45.0, margin=True)
+
+    def measured(of, **margins):
+        nominal = replace(of.tuning.nominal, kpis={**of.tuning.nominal.kpis, **margins})
+        return replace(of, kpis=(*of.kpis, M_s, phase), tuning=replace(of.tuning, nominal=nominal))
+
+    def advised(of):
+        return Verified.of(of, SPRING, "", "1.0", "", "run: prefcal x --start best.json").advice
+
+    begin = "look for a tuning that keeps maximum sensitivity M_s ≤ 2"
+    end = ": search on from this one, run: prefcal x --start best.json"
+    assert advised(measured(found, M_s=2.5, phase_margin=50.0)) == (f"{begin}{end}",)
+    assert advised(measured(found, M_s=2.5, phase_margin=30.0)) == (f"{begin} and phase margin ≥ 45 °{end}",)
+    assert advised(measured(found, M_s=1.9, phase_margin=50.0)) == ()
+    # Where runs fail, too, a tuning that holds in more of them is no way out unless it keeps the margin.
+    fails = measured(verify(SPRING, THETA, 100, jobs=1), M_s=2.5, phase_margin=50.0)
+    runs = tuple(replace(each, problems=()) for each in fails.runs)
+    for value, ways in ((2.5, 2), (1.9, 1)):
+        nominal = replace(fails.tuning.nominal, kpis={**fails.tuning.nominal.kpis, "M_s": value})
+        best = Robustness(np.array([1.5]), nominal, fails.tuning.margins, runs)
+        other, *more = advised(replace(fails, others=Others(9, 9, best)))
+        assert other.startswith("a tuning that was tried holds in 100 of the same 100 runs")
+        assert len([other, *more]) == ways
+        assert more == [f"{begin}{end}"][: ways - 1]
 
 
 def test_the_delay_margin_has_a_unit_and_a_controller_that_raises_has_no_margins(monkeypatch):

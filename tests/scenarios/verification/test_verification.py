@@ -18,7 +18,7 @@ from prefcal_env import (
     recorded,
     rollout,
 )
-from prefcal_env.controllers.margins import MarginKPIs, margins
+from prefcal_env.controllers.margins import UNSTABLE, MarginKPIs, Margins, margins
 from prefcal_env.disk import digest_of
 from prefcal_env.envs.task import StepSignal
 from prefcal_env.envs.varied_loop import DIRECTION, ScaledPlant, Worn, factors_of, varied_plant
@@ -38,7 +38,7 @@ from prefcal_scenarios.verification import verify
 from prefcal_scenarios.verification.loop_margins import margins_at, margins_said, remaining
 from prefcal_scenarios.verification.result import Robustness, Verification, VerifiedRun
 from prefcal_scenarios.verification.said import BEST, FILE, Verified, WorstRun
-from prefcal_scenarios.verification.varied_runs import Perturbed, robustly, which_keep
+from prefcal_scenarios.verification.varied_runs import Perturbed, count_losses, robustly, which_keep
 from prefcal_scenarios.wording import measured
 from support.varied_loops import (
     assert_it_starts_at_rest_where_the_study_does,
@@ -134,7 +134,7 @@ def test_a_turned_step_that_no_tuning_can_do_is_left_out_and_the_verdict_says_so
     said = "turned, the nominal plant fails with each of 11 tunings (late misses its objective)"
     assert dict(judged.left_out)[DIRECTION] == said
     assert judged.headline == (
-        "Holds: 40 of 40 runs keep the stated limits; not varied: direction, which fails nominally."
+        "Holds: 40 of 40 runs keep the stated limits; not varied: sign of the step, which fails nominally."
     )
 
 
@@ -193,9 +193,9 @@ def test_start_size_and_direction_of_the_step_vary_and_kpis_are_measured_by_the_
     assert nominal.y_ref[0, 0] - y0 == pytest.approx(step)
     for values, start, size in (
         ({"size of the step": 1.2}, y0, 1.2),
-        ({"direction": -1.0, "direction of the load": -1.0}, y0, -1.0),
+        ({"sign of the step": -1.0, "sign of the load": -1.0}, y0, -1.0),
         ({"start": 0.1}, y0 + 0.1 * step, 1.0),
-        ({"start": -0.1, "size of the step": 0.8, "direction": -1.0}, y0 - 0.1 * step, -0.8),
+        ({"start": -0.1, "size of the step": 0.8, "sign of the step": -1.0}, y0 - 0.1 * step, -0.8),
     ):
         made = subject.at(values)(theta)
         assert made.output(0)[0] == pytest.approx(start)
@@ -206,7 +206,7 @@ def test_start_size_and_direction_of_the_step_vary_and_kpis_are_measured_by_the_
         np.testing.assert_allclose(shape[half], same[half], atol=1e-6)  # the plant is linear
         for name in ("settling_time", "overshoot"):
             assert made.kpis[name] == pytest.approx(nominal.kpis[name], abs=0.01)
-    turned = subject.at({"direction of the load": -1.0})(theta)
+    turned = subject.at({"sign of the load": -1.0})(theta)
     assert turned.kpis["disturbance_peak"] == pytest.approx(nominal.kpis["disturbance_peak"], rel=0.02)
     before = nominal.u[len(nominal.u) // 2 - 5]
     assert turned.u[-1] - before == pytest.approx(before - nominal.u[-1], rel=0.01)
@@ -230,12 +230,12 @@ def test_a_load_that_is_any_function_of_time_varies_around_its_value_at_the_star
     function = drawn_from(lambda t: np.array([12.0 if t >= 200.0 else 2.0]))
     for subject in (stepped, function):
         varied = {f.name: (f.low, f.high) for f in subject.factors if f.kind == "task"}
-        assert varied == {"size of the load": (0.8, 1.2), "direction of the load": (-1.0, 1.0)}
+        assert varied == {"size of the load": (0.8, 1.2), "sign of the load": (-1.0, 1.0)}
         assert "load" not in " ".join(dict(subject.left_out))
         for values, after in (
             ({}, 12.0),
             ({"size of the load": 1.2}, 14.0),
-            ({"size of the load": 0.8, "direction of the load": -1.0}, -6.0),
+            ({"size of the load": 0.8, "sign of the load": -1.0}, -6.0),
         ):
             task = subject.at(values).function.env.task
             assert task.disturbance(199.0) == pytest.approx([2.0])
@@ -266,15 +266,15 @@ def test_a_load_varies_within_the_limits_of_its_disturbance_and_the_verdict_says
     ]
     left_out = dict(subject.left_out)
     assert left_out["a larger load"] == "draw would go to 14 L/s, beyond its limit of 13 L/s"
-    assert left_out["direction of the load"] == "draw would go to −8 L/s, beyond its limit of 0 L/s"
+    assert left_out["sign of the load"] == "draw would go to −8 L/s, beyond its limit of 0 L/s"
     nominal = VerifiedRun({}, 0, End.TIME_UP, {})
     tuning = Robustness(np.ones(1), nominal, "", (nominal,))
     judged = Verification("tank", (), subject.factors, subject.left_out, 1, tuning, None, ())
-    left = "start, size and direction of the step, a larger load, direction of the load."
+    left = "start, size and sign of the step, a larger load, sign of the load."
     assert f"1 of 1 runs end safely; not varied: {left}" in judged.headline
     beyond = drawn_from(d, low=0.0, high=11.0)  # what the task itself does not keep is no limit
     highest = {f.name: f.high for f in beyond.factors if f.kind == "task"}
-    assert highest == {"size of the load": 1.2, "direction of the load": 1.0}
+    assert highest == {"size of the load": 1.2, "sign of the load": 1.0}
 
 
 def test_a_reference_that_is_a_function_of_time_is_the_step_that_varies_and_that_shares_refer_to():
@@ -283,7 +283,7 @@ def test_a_reference_that_is_a_function_of_time_is_the_step_that_varies_and_that
     target = own.task.reference(0.0)
     moving = PlantEnv(own.plant, replace(own.task, y_ref=lambda t: target))
     other = replace(scenario, run=ClosedLoop(moving, scenario.controller, scenario.run.kpis))
-    for values in ({}, {"size of the step": 1.2, "start": 0.1, "direction": -1.0, "noise": 0.001}):
+    for values in ({}, {"size of the step": 1.2, "start": 0.1, "sign of the step": -1.0, "noise": 0.001}):
         made = [found(each).at(values)(theta) for each in (scenario, other)]
         np.testing.assert_allclose(made[0].y_ref, made[1].y_ref)
         np.testing.assert_allclose(made[0].y, made[1].y, atol=1e-6)
@@ -326,7 +326,7 @@ def near(low, high, valve=(0.0, 100.0)):
 
 def test_near_a_limit_the_rest_of_the_step_varies_and_the_limit_is_named():
     varied, left_out = near(-np.inf, 61.0)  # 1.1 steps beyond the target
-    assert (varied["size of the step"], varied["start"], varied["direction"]) == (
+    assert (varied["size of the step"], varied["start"], varied["sign of the step"]) == (
         (0.8, 1.0),
         (-0.5, 0.0),
         (-1.0, 1.0),
@@ -342,7 +342,7 @@ def test_near_a_limit_the_rest_of_the_step_varies_and_the_limit_is_named():
     assert left_out["start and target moved back"] == (
         "temperature would go to 35 °C, beyond its limit of 36 °C"
     )
-    assert left_out["direction"] == ("temperature would go to 28 °C, beyond its limit of 36 °C")
+    assert left_out["sign of the step"] == ("temperature would go to 28 °C, beyond its limit of 36 °C")
 
 
 def test_the_range_of_an_input_that_keeps_the_step_as_it_is_is_named():
@@ -352,7 +352,10 @@ def test_the_range_of_an_input_that_keeps_the_step_as_it_is_is_named():
         left_out["a larger step"] == "temperature 54.88 °C would need valve 68.6 %, beyond its limit of 64 %"
     )
     assert varied["start"] == (-0.5, 0.0)
-    assert left_out["direction"] == "temperature −11 °C would need valve −13.75 %, beyond its limit of 0 %"
+    assert (
+        left_out["sign of the step"]
+        == "temperature −11 °C would need valve −13.75 %, beyond its limit of 0 %"
+    )
 
 
 GRID = [[([12.0], [16.0, 1]), ([-18.0], [20.0, 1])], [([6.5], [11.0, 1]), ([-19.0], [14.0, 1])]]
@@ -659,6 +662,23 @@ def test_margins_of_a_plant_that_is_not_linear_are_those_of_the_target_too():
     assert "target" not in same.margin_verdict
 
 
+def test_a_gain_that_must_not_fall_is_said_in_words():
+    free = Margins(gain=2.0, gain_reduction=0.0, phase=60.0, delay=1.0, M_s=1.6, disk=0.8)
+    assert margins_said([free], "s")[0][0] == ("gain margin [dB]", "6.02")
+    assert "fall" not in margins_said([free], "s")[1]
+    held = replace(free, gain_reduction=0.25)
+    rows, basis = margins_said([held, free], "s")
+    assert rows[0] == ("gain margin [dB]", "6.02 up, 12.04 down", "6.02")
+    words = "the gain may fall to 0.25 times its value or rise to 2 times"
+    assert basis.endswith(f"linearized at the operating point; {words}")
+    moved = replace(free, target=replace(held, gain=np.inf, place="y 2"), place="y 1")
+    rows, basis = margins_said([moved], "s")
+    assert rows[1] == ("gain margin at the target [dB]", "∞ up, 12.04 down")
+    words = "at the target, the gain may fall to 0.25 times its value or rise without limit"
+    assert basis.endswith(f"its start is y 1, its target y 2; {words}")
+    assert "fall" not in margins_said([UNSTABLE], "s")[1]
+
+
 @pytest.mark.parametrize(("target", "worse"), [(12.0, "target"), (1.0, "start")])
 def test_margins_as_kpis_are_the_worse_of_start_and_target(target, worse):
     level, valve = Channel("level", "m", low=0, high=20), Channel("valve", "%", low=0, high=100)
@@ -900,6 +920,21 @@ def test_a_run_that_failed_or_was_unsafe_does_not_keep_the_limits():
     assert lost(counted(lambda theta, run: {"a": np.inf if run == 5 else 2.0, "b": 1.0})[0]) == [[5]]
 
 
+def test_it_is_counted_by_which_kpi_perturbed_runs_are_lost():
+    never, names = np.inf, ("time", "peak", "error", "M_s")
+    runs = [(1.0, 1.0, never, 1.5), (2.0, 0.5, never, 3.0), (2.0, 2.0, 1.0, 3.0), (never, 0.5, 1.0, 1.5)]
+    made = [*(dict(zip(names, run, strict=True)) for run in runs), {}, dict.fromkeys(names[:3], never)]
+
+    def many(points):
+        return [made[int(point[1]) if len(point) > 1 else 0] for point in points]
+
+    reading = Reading({}, {"peak": 1.0, "error": 1.0, "M_s": 2.0})
+    counts = count_losses(many, reading, np.array([0.0]), range(1, 6), margins=["M_s"])
+    assert counts == {"": 2, "peak": 1, "time": 1}
+    (kept,) = which_keep(many, reading, [np.array([0.0])], range(1, 6), margins=["M_s"])
+    assert kept.tolist() == [True, False, False, False, False]
+
+
 def test_what_never_settles_even_nominally_need_not():
     found, _ = counted(lambda theta, run: {"time": np.inf, "other": np.inf if run == 9 else 1.0})
     assert lost(found) == [[9]]
@@ -954,11 +989,11 @@ def test_a_worst_run_names_its_own_step_first_as_a_picture_shows_that():
         Factor("noise", "sensor", 0.0, 0.0, 0.002),
         Factor("size of the step", "task", 1.0, 0.8, 1.2),
         Factor("start", "task", 0.0, -0.5, 0.5, "of the step"),
-        Factor("direction", "task", 1.0, -1.0, 1.0, ends=True),
+        Factor("sign of the step", "task", 1.0, -1.0, 1.0, ends=True),
     ]
-    values = {"noise": 0.002, "size of the step": 0.9, "start": -0.1, "direction": 1.0}
+    values = {"noise": 0.002, "size of the step": 0.9, "start": -0.1, "sign of the step": 1.0}
     worst = WorstRun.of(VerifiedRun(values, 3, End.TIME_UP, {}), "holds", factors)
-    assert worst.text == "size of the step 0.9, start −0.1 of the step, noise 0.002, direction 1"
+    assert worst.text == "size of the step 0.9, start −0.1 of the step, noise 0.002, sign of the step 1"
 
 
 @pytest.fixture

@@ -72,8 +72,8 @@ function reasons({ why, decisive }) {
     decisive ? el("p", { class: "actions" }, button("Look at that answer again", again)) : null);
 }
 
-const holds = ({ held: [first, ...more], next }) => (!first && !next.verifies ? null
-  : el("section", { class: "card" }, el("h3", {}, "Does it hold?"), first ? sentences([first]) : null, next.verifies ? verification() : null,
+const holds = ({ held: [first, ...more], next }) => (!first && !next.verifies && !next.margins ? null
+  : el("section", { class: "card" }, el("h3", {}, "Does it hold?"), sentences([first, next.margins].filter(Boolean)), next.verifies ? verification() : null,
     more.length ? folded("robust", "What the robust study varied, and what that costs", sentences(more)) : null));
 
 // Show what to do next: report and controller first, then whether and how to go on, and all else folded.
