@@ -54,15 +54,12 @@ def compiled_run(env: Any, controller: Any, seed: int) -> tuple[Record, Bool[np.
     """
     worn = controller if type(controller) is Worn else None
     pids: Any = controller if worn is None else worn.controller
-    # A subclass may do anything in another way.
-    parts = pids, *getattr(pids, "pids", ())
-    known = all(vars(type(each)).keys() >= {"packed", "remember"} for each in parts)
-    if not known or type(env) is not PlantEnv or not _is_known(env, pids.T_s):
+    if not _are_known(pids) or type(env) is not PlantEnv or not _is_known(env, pids.T_s):
         return None
     plant, task, T_s, packed = env.plant, env.task, env.sampling_time(pids.T_s), pids.packed
-    n_y = len(plant.outputs)
+    n_y, n_u = len(plant.outputs), len(plant.inputs)
     # Compiled code does not notice a channel that does not exist.
-    if np.any(packed[1] >= (n_y, len(plant.inputs))):
+    if np.any(packed[1] >= (n_y, n_u)):
         return None
     ends, noise = _draw(task, T_s, seed, n_y)
     refs, d = _over(task.y_ref, ends[:-1]), _over(task.d, ends[:-1])
@@ -70,22 +67,18 @@ def compiled_run(env: Any, controller: Any, seed: int) -> tuple[Record, Bool[np.
         return None
     (equations, callbacks), (offsets, acting) = _equations(plant), _acting(plant, d)
     room, found = _room(task, ends, acting, n_y)
-    dead, late = map(np.array, delays_of(plant))
-    seen = late + np.broadcast_to(np.asarray(task.measurement_delay, dtype=float), n_y)
-    discrete = getattr(plant, "sample_time", 0.0) > 0
-
     from ._compiled_run import PARTS, run  # loads the compiler
 
     steps = run(
         (_matrices(plant, T_s / PARTS), equations, offsets, acting),
         (ends, float(task.dense_step)),
         (refs, noise),
-        (dead, late, seen, bool(dead.any() or late.any() or seen.any())),
+        _delays(plant, task),
         _limits(plant, task),
         # A discrete plant sees nothing between its samples.
-        (float(task.lag), (inf if discrete else STRAIGHT, SUDDEN, LITTLE)),
+        (float(task.lag), (inf if getattr(plant, "sample_time", 0.0) else STRAIGHT, SUDDEN, LITTLE)),
         packed,
-        _wear(worn, n_y, len(plant.inputs)),
+        _wear(worn, n_y, n_u),
         room,
         found,
     )
@@ -97,6 +90,12 @@ def compiled_run(env: Any, controller: Any, seed: int) -> tuple[Record, Bool[np.
         return None
     pids.remember(packed[2])
     return _record(env, refs, steps, found, lasting)
+
+
+def _are_known(pids: Any) -> bool:
+    """Return whether a controller is made of PIDs of ours: a subclass may do anything in another way."""
+    parts = pids, *getattr(pids, "pids", ())
+    return all(vars(type(each)).keys() >= {"packed", "remember"} for each in parts)
 
 
 def _is_known(env: PlantEnv, T_s: float) -> bool:
@@ -209,6 +208,13 @@ def _acting(plant: Any, d: Matrix) -> tuple[Matrix, tuple[Matrix, Any, Any]]:
         offsets += d[:, n_d : n_d + n_p] @ plant.on_y.T
     how = (np.ones(n_u), np.zeros(n_u)) if scaled is None else (scaled.gains, scaled.offset)
     return offsets, (shifts, np.array(how[0]), np.array(how[1]))
+
+
+def _delays(plant: Any, task: Task) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
+    """Return the dead times of inputs, outputs and measurements, and whether there are any."""
+    dead, late = map(np.array, delays_of(plant))
+    seen = late + np.broadcast_to(np.asarray(task.measurement_delay, dtype=float), len(late))
+    return dead, late, seen, bool(dead.any() or late.any() or seen.any())
 
 
 def _limits(plant: Any, task: Task) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

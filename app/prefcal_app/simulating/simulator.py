@@ -369,8 +369,7 @@ class Simulator:
         most = min(usable_cores() if own else max(usable_cores() - 1, 1), _MOST)
         workers = most if jobs is None else jobs
         self._pool = self._task.pool(workers, longest, Terms(gentle=True)) if workers else None
-        self._helps = not own
-        self._kept = kept
+        self._helps, self._kept = not own, kept
         self._known = {} if kept is None else dict(kept.known)
         self.count = sum(map(self._is_nominal, self._known))
         """Number of simulated θ."""
