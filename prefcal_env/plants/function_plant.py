@@ -99,7 +99,7 @@ class FunctionPlant:
         except ArithmeticError:
             return np.full(len(self.states), np.nan)
         whole = values.shape == (len(self.states),)
-        return values if whole else np.asarray(self._values("f", x, u, d))  # raises
+        return values if whole else np.asarray(self._values("f", self._f, x, u, d))  # raises
 
     @property
     def plain(self) -> tuple[Equation, Equation | None]:
@@ -108,7 +108,7 @@ class FunctionPlant:
 
     def g(self, x: X, u: U, d: D) -> Y:
         """Return the controlled outputs."""
-        return np.asarray(self._values("g", x, u, d), dtype=float)
+        return np.asarray(self._values("g", self._g, x, u, d), dtype=float)
 
     def jacobians(self, x: X, u: U, d: D) -> Jacobians:
         """Return the derivatives of f and g at one point."""
@@ -162,9 +162,11 @@ class FunctionPlant:
         equation, n_x = self._f if name == "f" else self._g, len(self.states)
         if isinstance(equation, ExactEquation):
             return equation.jacobian(x, u, d)
+        # In plain Python: numba would compile f for complex numbers, or try to, at each point again.
+        plain = getattr(equation, "py_func", equation)
         # Not by d: no controller moves a disturbance.
         point = np.concatenate([x, u])
-        return derivative(lambda p: self._values(name, p[:n_x], p[n_x:], d), point)
+        return derivative(lambda p: self._values(name, plain, p[:n_x], p[n_x:], d), point)
 
     def _adapt(self, equation: Any) -> Any:
         """Return a function of an optional world as an equation, and anything else unchanged."""
@@ -174,11 +176,11 @@ class FunctionPlant:
         sizes = len(self.states), len(self.inputs), len(self.disturbances)
         return world.inside("prefcal_env").equation(equation, sizes)
 
-    def _values(self, name: str, x: Any, u: Any, d: Any) -> Any:
-        """Return the result of f or g as a float or complex array of the right shape."""
-        if name == "g" and self._g is None:
+    def _values(self, name: str, equation: Equation | None, x: Any, u: Any, d: Any) -> Any:
+        """Return the result of an equation, f or g, as a float or complex array of the right shape."""
+        if equation is None:
             return np.array(x)
-        equation, channels = (self._f, self.states) if name == "f" else (self._g, self.outputs)
+        channels = self.states if name == "f" else self.outputs
         # Of any type: complex steps (see `derivative`) must pass.
         values = np.asarray(equation(x, u, d))
         if values.shape != (len(channels),):

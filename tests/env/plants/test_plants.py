@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numba.core import event
 from scipy.integrate import solve_ivp
 
 from prefcal_env.errors import PlantError, SettingsError
@@ -225,6 +226,34 @@ def test_a_copy_in_another_process_has_equations_of_its_own():
 
 SETTINGS = MPCSettings(T_s=0.1, N_p=5, N_u=2, Q_y=[[1.0]], Q_du=[[0.1]])
 HERE = Measurement(0.0, np.array([1.0]), np.zeros(1), np.zeros(0), np.zeros(1))
+
+
+class Compiled(event.Listener):
+    """What numba begins to compile."""
+
+    def __init__(self):
+        self.names = []
+
+    def on_start(self, event):
+        self.names.append(event.data["dispatcher"].py_func.__name__)
+
+    def on_end(self, event):
+        pass
+
+
+def test_derivatives_of_a_compiled_equation_compile_nothing():
+    # `max` of complex numbers does not compile, and numba would try it anew at each point.
+    def f(x, u, d):
+        return (u[0] - max(x[0], 0.0) ** 0.5,)
+
+    plain, compiled = (
+        FunctionPlant(each, states=[Channel("x")], inputs=[Channel("u")]) for each in (f, numba.njit(f))
+    )
+    with event.install_listener("numba:compile", found := Compiled()):
+        J = compiled.jacobians(np.ones(1), np.ones(1), np.zeros(0))
+    assert found.names == []
+    assert np.array_equal(J.A, plain.jacobians(np.ones(1), np.ones(1), np.zeros(0)).A)
+    assert pytest.approx(-0.5) == J.A
 
 
 @numba.njit
