@@ -342,7 +342,7 @@ class Outlook:
     @property
     def sentences(self) -> tuple[str, ...]:
         """Return all sentences, without the command."""
-        parts = (self.unbeaten, self.missed, *self.result, self.promise, self.ends)
+        parts = (self.missed, self.unbeaten, *self.result, self.promise, self.ends)
         return tuple(part for part in parts if part)
 
     @property

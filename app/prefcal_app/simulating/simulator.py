@@ -424,7 +424,7 @@ class Simulator:
             keys = theta_keys(np.array(thetas, dtype=float)) if len(thetas) else []
             new = {key: t for key, t in zip(keys, thetas, strict=True) if key not in self._known}
             self._times.begin()
-            self.varied = self._due(list(new.values()))
+            self.varied = (0, 0) if self.holds is None else self._due(list(new.values()))
             try:
                 if self._pool is None:
                     self._here(list(new.values()))

@@ -67,9 +67,10 @@ def _gains(
     for kpi in (*scenario.shown_kpis, *(kpi for kpi in scenario.kpis if kpi.of)):
         of = kpi.of or kpi.name
         if kpi.goal is not None and of in new.kpis and of in best.kpis:
-            ours, theirs = (kpi.judged(float(e.kpis[of])) for e in (new, best))
-            alike = abs(ours - theirs) < max(hidden.get(of, 0.0), noticed.get(of, 0.0))
-            if alike and kpi.met_by(new) == kpi.met_by(best):
+            values = [float(e.kpis[of]) for e in (new, best)]
+            ours, theirs = map(kpi.judged, values)
+            alike = 0 < abs(ours - theirs) < max(hidden.get(of, 0.0), noticed.get(of, 0.0))
+            if alike and len({*map(kpi.met, values)}) == 1:
                 ours = theirs
             # Of an unknown direction it is only said which of the two is higher.
             yield kpi.name, (ours < theirs) - (ours > theirs and not kpi.of)
