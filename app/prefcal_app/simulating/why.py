@@ -492,7 +492,7 @@ def promise(found: Findings) -> str:
     if said is not None and not said.explained:
         why = "what was learned from the other answers predicts each one no better than chance"
         if said.by_knobs:
-            why = "the values of the knobs predict the answers better than the KPIs do"
+            why = "the values of the knobs predict the answers even better than the KPIs, by which it is told"
         return f"How much is left to gain is not said: {why}."
     # To know which of them hold would take hundreds of runs of each.
     which = f"the {found.simulated} simulated{'' if found.kept is None else ', whether it holds or not,'}"

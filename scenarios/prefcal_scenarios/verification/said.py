@@ -446,10 +446,10 @@ def _kpi_row(kpi: KPI, tunings: list[Robustness]) -> tuple[str, ...]:
 def _explain_outside(found: Verification) -> str:
     """Return which nominal values are outside of 5 to 95 %, and what alone explains it, in a sentence.
 
-    That is a factor that has its nominal value at an end of its range, such as noise from 0 on.
+    That is a factor that has its nominal value at an end of its range, such as noise from 0 on, if no other
+    one takes the value there: with several, no one of them is the reason.
     """
-    ended = [f.nominal in (f.low, f.high) and not f.ends for f in found.factors]
-    pairs = list(zip(found.factors, ended, found.alone[::2], found.alone[1::2], strict=False))
+    pairs = list(zip(found.factors, found.alone[::2], found.alone[1::2], strict=False))
     said = dict[str, list[str]]()
     for kpi in found.kpis:
         value, ends = found.tuning.nominal.kpis.get(kpi.name, np.nan), found.tuning.quantiles(kpi.name)
@@ -458,20 +458,25 @@ def _explain_outside(found: Verification) -> str:
         if not np.isfinite([value, end]).all() or ends[0] <= value <= ends[1] or len(shown) == 1:
             continue
         reach = [
-            (max((run.kpis.get(kpi.name, value) - value) / (end - value) for run in both), f)
-            for f, one_sided, *both in pairs
-            if one_sided
+            f
+            for f, *both in pairs
+            if max((run.kpis.get(kpi.name, value) - value) / (end - value) for run in both) >= 1
         ]
-        share, factor = max(reach, key=lambda each: each[0], default=(0.0, None))
-        if factor and share >= 1:
-            said.setdefault(_nominally(factor), []).append(kpi.title)
-    why = "; ".join(f"{', '.join(titles)}, since the nominal run has {has}" for has, titles in said.items())
-    return f"Nominal values outside of 5 to 95 %: {why}." if why else ""
+        if reach and (why := _takes_there(reach)):
+            said.setdefault(why, []).append(kpi.title)
+    whole = "; ".join(f"{', '.join(titles)}, {why}" for why, titles in said.items())
+    return f"Nominal values outside of 5 to 95 %: {whole}." if whole else ""
 
 
-def _nominally(factor: Factor) -> str:
-    """Return what the nominal run has of a factor."""
-    return f"{factor.name} {quantity(factor.nominal, factor.unit)}" if factor.nominal else f"no {factor.name}"
+def _takes_there(factors: Sequence[Factor]) -> str:
+    """Return why a value is outside, if these factors alone move it to the range; "" if that says nothing."""
+    first, *more = factors
+    if more:
+        return f"which {join_words([f.name for f in factors])} each move that far alone"
+    if first.ends or first.nominal not in (first.low, first.high):
+        return ""
+    has = f"{first.name} {quantity(first.nominal, first.unit)}" if first.nominal else f"no {first.name}"
+    return f"since the nominal run has {has}"
 
 
 def _range(factor: Factor) -> str:

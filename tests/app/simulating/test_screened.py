@@ -430,7 +430,7 @@ def test_a_robust_result_says_what_was_not_varied_in_the_words_of_a_verification
 def test_where_answers_do_not_follow_from_the_kpis_it_says_no_number():
     said = "How much is left to gain is not said: "
     for by_knobs, reason in (
-        (True, "the values of the knobs predict the answers better than the KPIs do."),
+        (True, "the values of the knobs predict the answers even better than the KPIs, by which it is told."),
         (False, "what was learned from the other answers predicts each one no better than chance."),
     ):
         found = certified(replace(CERTIFIED, share=None, chance=None, by_knobs=by_knobs))

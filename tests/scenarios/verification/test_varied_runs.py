@@ -120,6 +120,13 @@ def test_what_doubles_a_kpi_comes_before_what_only_goes_further_beyond_its_range
     assert (title, nominal) == ("total move [%]", "58")
     assert float(low) > 58
     assert Verified.of(verify(SPRING, THETA, 100, jobs=1), SPRING, "", "1.0", "").outside == ""
+    # Where another factor alone moves a value as far, no single one is the reason.
+    moved = tuple(replace(run, kpis={**run.kpis, "move": 200.0}) for run in found.alone[:2])
+    both = Verified.of(replace(found, alone=(*moved, *found.alone[2:])), SPRING, "", "1.0", "").outside
+    assert both == (
+        "Nominal values outside of 5 to 95 %: total move, which mass and noise each move that far alone; "
+        "ratio, since the nominal run has no noise."
+    )
     # No limit says how much noise may move a valve: so it is said beside the verdict.
     assert " Noise alone takes total move from 58 to 802 %." in found.headline
     calm = verify(replace(SPRING, run=Noisy(), kpis=kpis), THETA, 20, ranges={NOISE: [0, 0.01]}, jobs=1)
