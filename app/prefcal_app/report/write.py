@@ -158,7 +158,7 @@ def answers(record: StudyRecord) -> Answers:
         "Who answered": f"{counted(len(record.trials), 'experiment')}, "
         f"{counted(record.questions, 'comparison')} by {by}{each}{partial}.{digest}",
         "On which model": model(record),
-        "Experiment": _shorten_brief(record.scenario.brief),
+        "Experiment": " ".join(filter(None, (_shorten_brief(record.scenario.brief), _say_noise(record)))),
         "Left to gain": " ".join(filter(None, (promise, record.trust, said.ends if said else "")))
         if promise
         else f"Not stated: {'the study was left before its end' if record.partial else only}.",
@@ -179,6 +179,15 @@ def _shorten_brief(brief: str) -> str:
     """Return what an experiment is, by the first sentences of the brief: those that fit into two lines."""
     ends = [k for k in (m.end() for m in re.finditer(r"\.(?=\s|$)", brief)) if k <= _BRIEF]
     return brief[: ends[-1]] if ends else ""
+
+
+def _say_noise(record: StudyRecord) -> str:
+    """Return that all experiments have the same draw of the sensor noise; "" without noise."""
+    noise = getattr(getattr(env_of(record.scenario.source), "task", None), "noise", None)
+    if noise is None or not np.any(noise):
+        return ""
+    seed = record.settings.get("seed", 0)
+    return f"All experiments have the same draw of the sensor noise (seed {seed}): with another, KPIs differ."
 
 
 def _back(record: StudyRecord) -> str:

@@ -376,3 +376,15 @@ def test_a_result_whose_own_run_was_unsafe_does_not_hold():
     ]
     said = verdict_of(replace(record, comparisons=tuple(unsafe)))
     assert said.startswith("Does not hold: the experiment itself ended early: unsafe. Not verified on other")
+
+
+def test_the_sheet_says_that_all_experiments_have_one_draw_of_the_noise(monkeypatch):
+    def said(noise):
+        env = SimpleNamespace(task=SimpleNamespace(noise=noise))
+        monkeypatch.setattr("prefcal_app.report.write.env_of", lambda source: env)
+        return dict(answers(toy_record())).get("Experiment", "")
+
+    words = "All experiments have the same draw of the sensor noise (seed 1): with another, KPIs differ."
+    assert said(np.full(1, 0.1)).endswith(words)
+    assert "noise" not in said(None)
+    assert "noise" not in said(np.zeros(1))
