@@ -9,7 +9,7 @@ import pytest
 
 @pytest.fixture
 def middle_pids(monkeypatch):
-    monkeypatch.syspath_prepend(Path(__file__).parents[2] / "checks")
+    monkeypatch.syspath_prepend(Path(__file__).parents[2] / "stress")
     import middle_pids
 
     return middle_pids

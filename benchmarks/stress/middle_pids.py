@@ -1,7 +1,7 @@
 """Measure the tuning in the middle of a PID's ranges on plants of the field's standard kinds.
 
-    python benchmarks/checks/middle_pids.py         # 50 plants, 300 random tunings each: minutes
-    python benchmarks/checks/middle_pids.py --random 20 --only swing
+    python benchmarks/stress/middle_pids.py         # 50 plants, 300 random tunings each: minutes
+    python benchmarks/stress/middle_pids.py --random 20 --only swing
 
 The batch follows Åström and Hägglund, Advanced PID Control (2006): equal and spread lags, lags with dead
 time, integrators, inverse responses, oscillating and unstable plants, some of them sampled; and the tank of
