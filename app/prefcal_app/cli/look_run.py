@@ -271,7 +271,9 @@ def show(said: Verified, console: Console) -> None:
     if said.margins:
         console.print(_table(said.margin_columns, said.margins))
     console.print(_table(said.kpi_columns, said.kpis))
-    for line in (*filter(None, [said.outside]), *_lines(said)):
+    if said.noise:
+        console.print(_table(said.noise_columns, said.noise.rows))
+    for line in (*filter(None, [said.outside]), *map(sentence, said.noise.remarks), *_lines(said)):
         say(console, line)
 
 

@@ -177,8 +177,7 @@ def show(record: StudyRecord, report: Path, console: Console) -> None:
         if not gain["same"]:
             console.print(*_draw(gain["title"], gain["table"], console))
         console.print(*_draw(record.scenario.title, result, console))
-        if gain["before"]:
-            say(console, gain["back"])
+        say(console, *filter(None, [gain["noise"], gain["back"] if gain["before"] else ""]))
         if record.scenario.source.candidates is None:
             best = report.parent / BEST
             verdict = verdict_of(record, verified_beside(best))

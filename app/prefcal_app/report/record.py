@@ -21,7 +21,7 @@ from jaxtyping import Float
 from prefcal_app.session.study import ENOUGH
 from prefcal_app.summary import VERDICTS as VERDICTS
 from prefcal_app.summary import Outlook, Spread
-from prefcal_app.view.end import FIRST, gain_view, gained, pid_rows
+from prefcal_app.view.end import FIRST, gain_view, gained, pid_rows, tell_noise
 from prefcal_app.view.question import cell, column, judged, row, table, theta_texts, theta_view
 from prefcal_env.controllers.forms import ANTI_WINDUP, BOTH, SERIES, PIDParameter
 from prefcal_env.controllers.margins import Margins
@@ -36,14 +36,18 @@ from prefcal_env.study import StudyFile, space_of, study_path, to_text
 from prefcal_env.wording import in_words, locate
 from prefcal_scenarios.names import is_described, is_own
 from prefcal_scenarios.own import file_in, split_source
-from prefcal_scenarios.runs import WORST, grouped
+from prefcal_scenarios.runs import WORST, HasKPIs, grouped
 from prefcal_scenarios.scenario import KPI, Scenario
-from prefcal_scenarios.verification.loop_margins import (
+from prefcal_scenarios.verification.nominal import (
     UNKNOWN,
+    Redrawn,
+    compare_draws,
+    is_noisy,
     list_margins,
-    margins_apart,
     margins_at,
     margins_said,
+    nominal_apart,
+    run_again,
 )
 from prefcal_scenarios.wording import (
     MISSING,
@@ -392,19 +396,39 @@ class StudyRecord:
         """Return the θ of every trial, physical, shape (N, n)."""
         return np.array([t.experiment.theta for t in self.trials]).reshape(-1, len(self.scenario.space))
 
-    @cached_property
+    @property
     def margins(self) -> tuple[Margins | str, ...]:
         """Return the margins of the result and of the tuning before, or why there are none."""
+        return self._nominal[0]
+
+    @cached_property
+    def noise(self) -> Redrawn | str:
+        """Return what KPIs are with other draws of the sensor noise, or why that is not known."""
+        own, drawn = [each.experiment for each in self._both], self._nominal[1]
+        if isinstance(drawn, str):
+            return drawn
+        return compare_draws(self.kpis, own, drawn, own[0].channels.time_unit) if drawn else Redrawn()
+
+    @property
+    def _both(self) -> list[Trial]:
+        """Return the result and the tuning before; only that if it is the result."""
+        return [self.result, self.before][: 1 + (self.result.index != self.before.index)]
+
+    @cached_property
+    def _nominal(self) -> tuple[tuple[Margins | str, ...], Sequence[Sequence[HasKPIs]] | str]:
+        """Return margins, then runs with other draws of the noise of each of `_both`, none without noise."""
         source, thetas = self.scenario.source, [t.experiment.theta for t in (self.result, self.before)]
+        seed, once = self.settings.get("seed", 0) if is_noisy(source) else None, thetas[: len(self._both)]
         with suppress(PrefcalError):
             known = source.varied()
-            return tuple(margins_at(known, theta) for theta in thetas)
+            margins = tuple(margins_at(known, theta) for theta in thetas)
+            return margins, [] if seed is None else run_again(source, once, seed)
         if plant_of(source) is None:
-            return (UNKNOWN,)
+            return (UNKNOWN,), []
         try:  # a file that runs in a process of its own
-            return margins_apart(source, thetas)
+            return nominal_apart(source, thetas, once, seed)
         except PrefcalError as error:
-            return (f"no margins: {error}",)
+            return (f"no margins: {error}",), []
 
     @property
     def margin_words(self) -> tuple[str, ...]:
@@ -528,13 +552,15 @@ MOST = 3  # number of KPIs that the table of experiments shows
 def gain_rows(record: StudyRecord) -> list[dict[str, Any]]:
     """Return what was gained, a row for each KPI, as the page shows it."""
     spread = Spread(trial.experiment.kpis for trial in record.trials)
-    return gained(record.before.experiment, record.result.experiment, record.kpis, spread, record.runs_held)
+    both = record.before.experiment, record.result.experiment
+    return gained(*both, record.kpis, spread, record.runs_held, noise=record.noise)
 
 
 def gain_of(record: StudyRecord) -> dict[str, Any]:
     """Return what was gained over the baseline, as the page shows it."""
-    before = theta_view(record.scenario.space, record.before.experiment, exact=True)
-    return gain_view(record.baseline, record.result.index, gain_rows(record), before)
+    before, rows = theta_view(record.scenario.space, record.before.experiment, exact=True), gain_rows(record)
+    view = gain_view(record.baseline, record.result.index, rows, before)
+    return {**view, "noise": tell_noise(rows, record.noise)}
 
 
 def foremost(ranked: Sequence[_T], room: int, has_limit: Callable[[_T], bool]) -> list[_T]:

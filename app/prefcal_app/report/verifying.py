@@ -264,7 +264,8 @@ def _keep(said: Verified, found: Verification, tuning: BestTuning, best: Path, t
     said.write(best.parent, beside or VERIFICATION)
     if beside:
         return
-    keep_loop(best.parent, tuning.scenario, [each.margins for each in (found.tuning, found.before) if each])
+    both = [each.margins for each in (found.tuning, found.before) if each]
+    keep_loop(best.parent, tuning.scenario, both, found.redrawn)
     for stale in best.parent.glob("worst_run_*.png"):
         stale.unlink(missing_ok=True)
     with suppress(Exception):  # what cannot run again has no picture

@@ -16,16 +16,17 @@ from markupsafe import Markup
 
 from prefcal_app.session.study import why_over
 from prefcal_app.summary import kept_text
-from prefcal_app.view.end import FIRST, MARGINS, can_go_back, count_first, pid_table
+from prefcal_app.view.end import FIRST, NOMINAL, Told, can_go_back, count_first, pid_table
 from prefcal_app.view.question import cell, column, row, table, theta_view
 from prefcal_env.controllers.forms import ALL, PARALLEL
 from prefcal_env.controllers.margins import Margins
 from prefcal_env.experiments.experiment import Channel, End, Experiment
+from prefcal_env.plain import to_plain
 from prefcal_env.plants.jacobians import U
 from prefcal_env.sources.source import env_of, plant_of
 from prefcal_scenarios.scenario import Picture, Scenario
 from prefcal_scenarios.style import WIDTH, png, style
-from prefcal_scenarios.verification.loop_margins import list_margins, margins_said
+from prefcal_scenarios.verification.nominal import DRAWS, Redrawn, is_noisy, list_margins, margins_said
 from prefcal_scenarios.verification.said import BEST, NOT_VARIED, USUAL, VARIED, Verified
 from prefcal_scenarios.wording import (
     counted,
@@ -134,6 +135,8 @@ _RUN = (
     "Run prefcal verify best.json, which completes this page."
 )
 _BRIEF = 214  # most characters of what an experiment is: two lines
+NOISE_ALONE = f"KPIs with {DRAWS} other draws of the sensor noise, and nothing else varied"
+"""Label of the table of `Redrawn`."""
 LOOP = "open_loop.png"
 """Name of the picture from which margins are read."""
 _LOOP_ALT = "Nyquist diagram of the open loop, before and after, with the margins that it shows"
@@ -183,11 +186,10 @@ def _shorten_brief(brief: str) -> str:
 
 def _say_noise(record: StudyRecord) -> str:
     """Return that all experiments have the same draw of the sensor noise; "" without noise."""
-    noise = getattr(getattr(env_of(record.scenario.source), "task", None), "noise", None)
-    if noise is None or not np.any(noise):
+    if not is_noisy(record.scenario.source):
         return ""
     seed = record.settings.get("seed", 0)
-    return f"All experiments have the same draw of the sensor noise (seed {seed}): with another, KPIs differ."
+    return f"All experiments have the same draw of the sensor noise (seed {seed}), see Other noise."
 
 
 def _back(record: StudyRecord) -> str:
@@ -205,7 +207,10 @@ def _back(record: StudyRecord) -> str:
 def unverified(record: StudyRecord, why: str = "") -> Answers:
     """Return what is asked about margins and other plants before anything is verified, and why."""
     said = margins_said(record.margins, record.before.experiment.channels.time_unit)
-    return [("Other plants", f"{_RUN} {why}." if why else _RUN), ("Margins", _margins(*said))]
+    known = record.noise
+    other: str | tuple[str, ...] = f"{_UNKNOWN}: {known}" if isinstance(known, str) else known.texts
+    found: Answers = [("Other plants", f"{_RUN} {why}." if why else _RUN), ("Margins", _margins(*said))]
+    return [*found, ("Other noise", other)] if known else found
 
 
 def _verdicts(verified: Verified) -> dict[str, str | dict[str, str]]:
@@ -229,6 +234,8 @@ def verified_answers(verified: Verified) -> Answers:
     if verified.runs:
         spans = tuple(f"{name}: {low} to {high}" for name, _, _, low, high, *_ in verified.kpis)
         found.append(("KPIs, 5 to 95 %", (*spans, *filter(None, [verified.outside]))))
+    if verified.noise:
+        found.append(("Other noise", verified.noise.texts))
     rows = (f"{name} {span}{f' ({kind})' * (kind != USUAL)}" for name, span, kind in verified.varied)
     drawn = [f"drawn with seed {verified.seed}"] if verified.runs else []
     found.append(("Varied", (*rows, *drawn, f"beyond these ranges: {_UNKNOWN}")))
@@ -280,6 +287,8 @@ def verified_tables(verified: Verified) -> dict[str, list[dict[str, Any]]]:
     varied += made("What was not varied, and why", NOT_VARIED, verified.left_out, "words")
     found = made("Stability margins", verified.margin_columns, verified.margins)
     found += made("KPIs of the varied plants", verified.kpi_columns, verified.kpis, note=verified.outside)
+    remarks = " ".join(map(sentence, verified.noise.remarks))
+    found += made(NOISE_ALONE, verified.noise_columns, verified.noise.rows, note=remarks)
     return {"varied": varied, "tables": found}
 
 
@@ -565,7 +574,7 @@ def write_report(record: StudyRecord, folder: Path, extra: Sequence[Picture] = (
     if record.best is not None:
         put(folder / BEST, best_as_json(record).encode())
     else:
-        for file in (BEST, FILE, LOOP, MARGINS):
+        for file in (BEST, FILE, LOOP, NOMINAL):
             (folder / file).unlink(missing_ok=True)
     put(folder / "comparisons.csv", comparisons_as_csv(record).encode())
     drawn = draw(record, extra)
@@ -577,23 +586,23 @@ def write_report(record: StudyRecord, folder: Path, extra: Sequence[Picture] = (
     if record.best is not None:
         verified = verified_beside(folder / BEST)
         if not (isinstance(verified, Verified) and _drawn_in(folder)):
-            keep_loop(folder, record.scenario, record.margins)
+            keep_loop(folder, record.scenario, record.margins, record.noise)
         put(folder / FILE, sheet(record, verified, _drawn_in(folder)).encode())
     put(folder / REPORT, page(record, drawn, verified, _drawn_in(folder)).encode())
     return folder / REPORT
 
 
-def keep_loop(folder: Path, scenario: Scenario, found: Sequence[Margins | str]) -> None:
-    """Write margins and the picture of the open loop into a folder; remove earlier ones if there are none.
+def keep_loop(folder: Path, scenario: Scenario, found: Sequence[Margins | str], noise: Redrawn | str) -> None:
+    """Write what is told of the nominal loop and the picture of the open one into a folder, or remove them.
 
     They are no part of best.json, which stays the same to the byte whether they were there in time or not.
     """
     plant = plant_of(scenario.source)
-    words = list_margins(margins_said(found, plant.time_unit)[0]) if plant is not None else ()
-    if words:
-        put(folder / MARGINS, f"{json.dumps(words, ensure_ascii=False, indent=2)}\n".encode())
+    told = Told(list_margins(margins_said(found, plant.time_unit)[0]) if plant is not None else (), noise)
+    if told != Told():
+        put(folder / NOMINAL, f"{json.dumps(to_plain(told), ensure_ascii=False, indent=2)}\n".encode())
     else:
-        (folder / MARGINS).unlink(missing_ok=True)
+        (folder / NOMINAL).unlink(missing_ok=True)
     if plant is not None and (drawn := open_loop(found, scenario.kpis, plant)):
         put(folder / LOOP, drawn)
     else:

@@ -2,8 +2,9 @@
 
 import json
 import shlex
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -51,13 +52,16 @@ from prefcal_env.controllers.forms import (
     pid_forms,
 )
 from prefcal_env.controllers.written import LANGUAGES, languages_of
+from prefcal_env.errors import StudyError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs import Knob, KnobSpace
+from prefcal_env.plain import from_plain
 from prefcal_env.study import State
 from prefcal_scenarios.runs import WORST
 from prefcal_scenarios.scenario import KPI, Scenario, panels_of
+from prefcal_scenarios.verification.nominal import DRAWS, STEADY, Redrawn
 from prefcal_scenarios.verification.said import NEVER_USED
-from prefcal_scenarios.wording import MISSING, exact_number, number
+from prefcal_scenarios.wording import MISSING, exact_number, join_words, number, sentence
 
 from . import question
 from .question import Seen, question_view, theta_texts, theta_view
@@ -332,7 +336,7 @@ def over_view(
         "reason": now.state.ended,
         "words": interview.known.why_over,
         "best": best,
-        "gain": None if now.incumbent is None else _gain(interview, now.incumbent, now, seen),
+        "gain": None if now.incumbent is None else _gain(interview, now.incumbent, now, seen, report),
         "missed": "" if outlook is None else outlook.missed,
         "why": reasons(interview),
         "held": held(interview),
@@ -373,14 +377,14 @@ def held(interview: Interview) -> list[str]:
     return [] if known is None else list(robust(known, interview.scenario, nominal))
 
 
-def _gain(interview: Interview, best: int, now: Now, seen: Seen) -> dict[str, Any]:
+def _gain(interview: Interview, best: int, now: Now, seen: Seen, report: Path | None) -> dict[str, Any]:
     both = interview.past.experiment(0), interview.past.experiment(best)
-    scenario = interview.scenario
+    scenario, noise = interview.scenario, Told.read(report).noise
     held = runs_held(interview.known.findings)
-    rows = gained(*both, scenario.shown_kpis, seen.look(interview).spread, held)
+    rows = gained(*both, scenario.shown_kpis, seen.look(interview).spread, held, noise=noise)
     before = theta_view(scenario.space, both[0], exact=True)
     found = gain_view(baseline_of(now.state), best, rows, before)
-    return {**found, "curves": curves_of_both(*both, scenario)}
+    return {**found, "noise": tell_noise(rows, noise), "curves": curves_of_both(*both, scenario)}
 
 
 def curves_of_both(before: Experiment, after: Experiment, scenario: Scenario) -> dict[str, Any] | None:
@@ -426,7 +430,7 @@ def gain_view(
         rows: What `gained` returns of both.
         before: θ of the baseline, as `theta_view` returns it: the way back, if the person gave it.
     """
-    kinds = {"better": "words yes", "worse": "words no", "": ""}
+    kinds = {"better": "words yes", "worse": "words no", WITHIN_NOISE: "words", "": ""}
     lines = [
         question.row(
             row["title"],
@@ -476,6 +480,7 @@ def gained(
     kpis: Sequence[KPI],
     spread: Spread,
     held: tuple[int, int] | None = None,
+    noise: Redrawn | str = "",
 ) -> list[dict[str, Any]]:
     """Return a row for each KPI before and after: the largest gains, all that they cost, then the others.
 
@@ -486,7 +491,8 @@ def gained(
     The only comparison of the result with what was before: page, terminal, report and acceptance
     sheet show these rows in this order. `change` is empty if a value is missing or infinite, or both
     meet their target alike; `verdict` is "better", "worse", or empty without a goal and for a slight
-    change, unless that decides whether the objective is met.
+    change, unless that decides whether the objective is met; what changes its sign with other draws of
+    the noise is neither, but `WITHIN_NOISE`.
 
     Args:
         before: Experiment of the baseline.
@@ -494,15 +500,36 @@ def gained(
         kpis: KPIs to show.
         spread: What is usual in the study.
         held: What `runs_held` returns, which comes before all.
+        noise: KPIs with other draws of the sensor noise; a text if they are not known.
     """
+    unsteady = {} if isinstance(noise, str) else noise.unsteady
     rows = [row for row in compare(before, after, kpis, spread) if row["group"] in ("", WORST)]
     rows.sort(key=lambda row: (row["left"]["met"] == row["right"]["met"], -row["change"]))
-    found = [_row(row) for row in rows]
-    better, worse, alike = ([row for row in found if row["verdict"] == v] for v in ("better", "worse", ""))
+    found = [_row(row, unsteady) for row in rows]
+    better, worse = ([row for row in found if row["verdict"] == v] for v in ("better", "worse"))
+    alike = [row for row in found if row["verdict"] in ("", WITHIN_NOISE)]
     found = [*better[:_GAINS], *worse, *better[_GAINS:], *alike]
     missing = [kpi for kpi in kpis if not {kpi.name} & {*before.kpis, *after.kpis}]
     first = [] if held is None else [_held_row(*held)]
-    return [*first, *found, *map(_row, unmeasured(before, after, missing))]
+    return [*first, *found, *(_row(row, {}) for row in unmeasured(before, after, missing))]
+
+
+WITHIN_NOISE = "within noise"
+"""Verdict of a change that is better with some draws of the sensor noise, and worse with others."""
+
+
+def tell_noise(rows: Sequence[Mapping[str, Any]], noise: Redrawn | str) -> str:
+    """Return what of `gained` holds with other draws of the sensor noise, in sentences; "" without noise."""
+    if not noise:
+        return ""
+    first = "All experiments share one draw of the sensor noise."
+    if isinstance(noise, str):
+        return f"{first} Whether others change the result is not known: {noise}."
+    changed = any(row["verdict"] for row in rows) and any(len(row) > 3 for row in noise.rows)
+    within = [f"{r['title']} ({noise.unsteady[r['title']]})" for r in rows if r["verdict"] == WITHIN_NOISE]
+    said = f" Of {DRAWS} others, at least {STEADY} confirm each “better” and “worse” above."
+    but = f" Within the noise: {join_words(within)}." if within else ""
+    return " ".join([f"{first}{said}{but}" if changed else first, *map(sentence, noise.remarks)])
 
 
 def _held_row(before: int, after: int) -> dict[str, Any]:
@@ -520,17 +547,18 @@ def _held_row(before: int, after: int) -> dict[str, Any]:
     }
 
 
-def _row(row: dict[str, Any]) -> dict[str, Any]:
+def _row(row: dict[str, Any], unsteady: Collection[str]) -> dict[str, Any]:
     verdicts = {"left": "worse", "right": "better", None: ""}
     before, after = row["left"], row["right"]
     same = "no change" if before["text"] == after["text"] != MISSING else ""
+    verdict = verdicts[row["better"]] if row["size"] >= _SLIGHT or before["met"] != after["met"] else ""
     return {
         **{name: row[name] for name in ("title", "about", "unit", "objective")},
         "before": before["text"],
         "after": after["text"],
         "met": after["met"],
         "change": row["difference"] or same,
-        "verdict": verdicts[row["better"]] if row["size"] >= _SLIGHT or before["met"] != after["met"] else "",
+        "verdict": WITHIN_NOISE if verdict and row["title"] in unsteady else verdict,
     }
 
 
@@ -616,21 +644,30 @@ def _written(interview: Interview, best: Path | None) -> dict[str, Any]:
         {"command": shlex.join(["prefcal", "export", str(best), "--to", word]), "what": LANGUAGES[word]}
         for word in languages_of(settings)
     ]
-    margins = tell_margins(_texts_in(best.parent / MARGINS))
+    margins = tell_margins(Told.read(best.parent).margins)
     return {"forms": pid_table(rows, str(before.get("what", ""))), "export": commands, "margins": margins}
 
 
-MARGINS = "margins.json"
-"""Name of the file of the margins in words, a list, in the folder of a report."""
+NOMINAL = "nominal.json"
+"""Name of the file of `Told` in the folder of a report."""
 
 
-def _texts_in(path: Path) -> list[str]:
-    """Return the texts in a JSON file; none if there is no list in it."""
-    try:
-        content = json.loads(path.read_text("utf-8"))
-    except (OSError, ValueError, RecursionError):
-        return []
-    return [*map(str, content)] if isinstance(content, list) else []
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What is told of the nominal loop beside a best.json, in words."""
+
+    margins: tuple[str, ...] = ()  # margins, a text each
+    # KPIs with other draws of the sensor noise, or why they are not known
+    noise: Redrawn | str = field(default_factory=Redrawn)
+
+    @classmethod
+    def read(cls, folder: Path | None) -> "Told":
+        """Return what is in a folder; nothing if there is none, or if somebody edits it."""
+        with suppress(OSError, ValueError, RecursionError, StudyError):
+            if folder is not None:
+                content = json.loads((folder / NOMINAL).read_text("utf-8"))
+                return from_plain(content, cls, StudyError, NOMINAL)
+        return cls()
 
 
 def tell_margins(words: Sequence[str]) -> str:

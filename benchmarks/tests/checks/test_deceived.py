@@ -9,7 +9,7 @@ from prefcal_env.experiments.experiment import Channel
 from prefcal_env.plants.plant import Plant
 from prefcal_scenarios.described.pid_scenario import pid_scenario
 from prefcal_scenarios.verification import verify
-from prefcal_scenarios.verification.loop_margins import margins_at
+from prefcal_scenarios.verification.nominal import margins_at
 
 VALVE = Channel("valve", "%", 0.0, 100.0)
 

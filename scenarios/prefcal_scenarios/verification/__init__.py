@@ -1,7 +1,7 @@
 """Verification: does a tuning hold if the plant is not exactly as it was modeled?
 
 A source says what can be varied of it (`Source.varied`). `varied_runs` runs the variations on all cores.
-`result` is what came of them, with the `loop_margins` of the nominal loop; `said` is what is kept and told.
+`result` is what came of them, with the `nominal` of the nominal loop; `said` is what is kept and told.
 """
 
 from typing import TYPE_CHECKING

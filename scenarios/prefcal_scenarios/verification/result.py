@@ -42,7 +42,7 @@ from prefcal_scenarios.wording import (
     with_unit,
 )
 
-from .loop_margins import USUAL, kept_margin, remaining, usual_margins
+from .nominal import DRAWS, USUAL, Redrawn, compare_draws, kept_margin, remaining, usual_margins
 
 # --- What came of a verification, as frozen data, and what follows from it.
 
@@ -80,6 +80,7 @@ class Robustness:
     nominal: VerifiedRun  # run without variation
     margins: Margins | str  # margins on the nominal plant, or why there are none
     runs: tuple[VerifiedRun, ...] = ()  # random runs, independent of each other
+    draws: tuple[VerifiedRun, ...] = ()  # runs without variation, with other draws of the noise
     time_unit: str = ""  # unit of the delay margin
 
     def holds(self, count: int) -> bool:
@@ -171,6 +172,13 @@ class Verification:
     def runs(self) -> tuple[VerifiedRun, ...]:
         """Return the random runs of the tuning."""
         return self.tuning.runs
+
+    @property
+    def redrawn(self) -> Redrawn:
+        """Return what KPIs are with other draws of the sensor noise."""
+        known = [t for t in (self.tuning, self.before) if t is not None and len(t.draws) == DRAWS]
+        own, drawn = [t.nominal for t in known], [t.draws for t in known]
+        return compare_draws(self.kpis, own, drawn, self.tuning.time_unit) if known else Redrawn()
 
     @property
     def failed(self) -> tuple[VerifiedRun, ...]:

@@ -29,7 +29,7 @@ from prefcal_scenarios.wording import (
     with_unit,
 )
 
-from .loop_margins import has_poor_margins, margins_said
+from .nominal import Redrawn, has_poor_margins, margins_said
 from .result import CHANCE, Effect, Robustness, Verification, VerifiedRun, count_kept
 
 # --- What a verification leaves beside its best.json, as plain data for people and programs.
@@ -139,6 +139,7 @@ class Verified:
     earlier: tuple[str, ...] = ()  # what verifications of the same tuning said that asked otherwise, each
     holds: bool | None = None  # whether all keep the stated limits; None without limits or runs
     keeps_margins: bool | None = None  # whether the nominal loop keeps those on margins; None if unknown
+    noise: Redrawn = field(default_factory=Redrawn)  # KPIs with other draws of the sensor noise
     outside: str = ""  # which nominal values are outside of 5 to 95 %, and why, in a sentence; "" if none
 
     @property
@@ -189,6 +190,7 @@ class Verified:
             apart=len(found.unheld),
             holds=found.holds,
             keeps_margins=found.keeps_margins,
+            noise=found.redrawn,
             outside=_explain_outside(found),
         )
 
@@ -217,6 +219,16 @@ class Verified:
         """Return the headings of the rows of `kpis`."""
         before = (f"{self.baseline}, nominal", "5 %", "95 %") if self.baseline else ()
         return "KPI", "objective", "nominal", "5 %", "95 %", *before
+
+    @property
+    def noise_columns(self) -> tuple[str, ...]:
+        """Return the headings of the rows of `noise`."""
+        more = (self.baseline or "before", "better in")
+        return (
+            "KPI with other noise",
+            "result",
+            *(more if any(len(row) > 3 for row in self.noise.rows) else ()),
+        )
 
     @property
     def margin_columns(self) -> tuple[str, ...]:

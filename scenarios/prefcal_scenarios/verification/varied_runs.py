@@ -24,7 +24,7 @@ from prefcal_scenarios.isolated import DEFAULT_LIMIT
 from prefcal_scenarios.runs import FailedRun, HasKPIs, Progress, processes_kept, simulate_iter, simulate_many
 from prefcal_scenarios.scenario import KPI, Scenario, finds_kpis, with_found_kpis
 
-from .loop_margins import UNKNOWN, margins_at
+from .nominal import DRAWS, UNKNOWN, is_noisy, margins_at, other_seeds
 from .result import RANGE_0, Others, Robustness, Verification, VerifiedRun, breakable, count_kept, problems_of
 
 # --- The perturbed runs of a candidate in a robust study: which there are, and which keep the limits.
@@ -222,19 +222,22 @@ def verify(
     found, known = _with_kpis(found, thetas[0], noise, timeout), _varied(found)
     varying, fixed = _within(known.factors, ranges or {})
     tunings, factors, unfair = _nominally(found, known, thetas, varying, noise, timeout)
-    cases = tuple(_cases(factors, len(tunings), runs, seed, noise))
+    cases = tuple(_cases(factors, len(tunings), runs, seed, noise, noisy=is_noisy(found.source)))
     if jobs is None and timeout is None and _seconds(found, thetas[0], clock) * len(cases) <= _QUICK:
         jobs = 1
     limit = timeout if timeout is not None or jobs == 1 else DEFAULT_LIMIT  # a varied plant may never end
     many = partial(_done, jobs=jobs, timeout=limit, progress=_count_on(progress), clock=clock)
-    done = many(Variations(known.at, thetas, cases, noted=True))
-    made = [_run(found, tunings[0].nominal, c, each) for c, each in zip(cases, done, strict=False)]
-    tunings, apart = _apart(known, tunings, made[:runs], made[runs + 2 * len(factors) :])
+    at = Variations(lambda v: known.at(v) if v else found.source, thetas, cases, noted=True)
+    made = [_run(found, tunings[0].nominal, c, each) for c, each in zip(cases, many(at), strict=False)]
+    alone, again = runs + 2 * len(factors), runs * len(tunings) + 2 * len(factors)
+    tunings, apart = _apart(known, tunings, made[:runs], made[alone:again])
+    drawn = (tuple(made[again + k * DRAWS :][:DRAWS]) for k in range(len(tunings)))
+    tunings = [replace(t, draws=draws) for t, draws in zip(tunings, drawn, strict=True)]
     before = next((each for each in tunings[1:] if each.runs), None)
     left_out = (*known.left_out, *fixed, *unfair, *UNMODELED)
-    alone = tuple(_noted(known, r) if r.problems else r for r in made[runs : runs + 2 * len(factors)])
+    each = tuple(_noted(known, r) if r.problems else r for r in made[runs:alone])
     inputs = known.loop.plant.inputs if known.loop else ()
-    verified = Verification(found.name, found.kpis, factors, left_out, runs, tunings[0], before, alone)
+    verified = Verification(found.name, found.kpis, factors, left_out, runs, tunings[0], before, each)
     spans = {f.name: f.high - f.low for f in varying}
     narrower = tuple(f.name for f in known.factors if spans.get(f.name, np.inf) < f.high - f.low)
     verified = replace(verified, unheld=apart, inputs=inputs, seed=seed, narrower=narrower)
@@ -468,8 +471,10 @@ def _seconds(scenario: Scenario, theta: Float[np.ndarray, " n"], clock: Callable
     return clock() - before
 
 
-def _cases(factors: tuple[Factor, ...], tunings: int, runs: int, seed: int, noise: int) -> Iterator[_Case]:
-    """Yield random runs of the tuning, then each factor alone, then the random runs of the other."""
+def _cases(
+    factors: tuple[Factor, ...], tunings: int, runs: int, seed: int, noise: int, *, noisy: bool
+) -> Iterator[_Case]:
+    """Yield random runs of the tuning, each factor alone, the random runs of the other, then other draws."""
     rows = [draw(factors, seed, k) for k in range(runs)]
     seeds = [int(np.random.default_rng([seed, k, 1]).integers(2**31)) for k in range(runs)]
     yield from (_Case(0, row, each) for row, each in zip(rows, seeds, strict=True))
@@ -477,6 +482,8 @@ def _cases(factors: tuple[Factor, ...], tunings: int, runs: int, seed: int, nois
         yield from (_Case(0, {factor.name: value}, noise) for value in (factor.low, factor.high))
     for which in range(1, tunings):
         yield from (_Case(which, row, each) for row, each in zip(rows, seeds, strict=True))
+    for which in range(tunings if noisy else 0):
+        yield from (_Case(which, {}, other) for other in other_seeds(noise))
 
 
 def _done(

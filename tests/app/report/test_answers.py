@@ -6,6 +6,7 @@ from dataclasses import replace
 from html import unescape
 from pathlib import Path
 from types import SimpleNamespace
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -31,7 +32,7 @@ from prefcal_env.experiments.experiment import End
 from prefcal_scenarios.catalog import load
 from prefcal_scenarios.isolated import isolation
 from prefcal_scenarios.scenario import KPI
-from prefcal_scenarios.verification import loop_margins
+from prefcal_scenarios.verification import nominal, verify
 from prefcal_scenarios.verification.said import BEST
 from support.verified import FOUND
 from toy_study import PID_SETTINGS, toy_record
@@ -120,13 +121,15 @@ def test_what_nobody_looked_at_is_not_verified():
 class Study(SimpleNamespace):
     """A study without comparisons, of which only margins are asked."""
 
-    margins, margin_words = StudyRecord.margins, StudyRecord.margin_words
+    margins, margin_words, noise = StudyRecord.margins, StudyRecord.margin_words, StudyRecord.noise
+    _both, _nominal, kpis = StudyRecord._both, StudyRecord._nominal, StudyRecord.kpis
+    settings: ClassVar = {"seed": 3}
 
 
 def test_margins_stand_beside_those_before_and_an_error_of_own_code_is_said(monkeypatch):
     loop = load("lag")
     theta = loop.space.decode(np.full(len(loop.space), 0.5))
-    trial = SimpleNamespace(experiment=loop.run(theta))
+    trial = SimpleNamespace(index=0, experiment=loop.run(theta))
     known = {"scenario": loop, "result": trial, "before": trial}
     said = dict(unverified(Study(**known)))["Margins"]
     assert re.fullmatch(r"gain margin \[dB\]: [\d.]+ \(before [\d.]+\)", said[0])
@@ -135,25 +138,49 @@ def test_margins_stand_beside_those_before_and_an_error_of_own_code_is_said(monk
     def fails(*_):
         raise RuntimeError("no plant")
 
-    monkeypatch.setattr("prefcal_scenarios.verification.loop_margins.margins", fails)
+    monkeypatch.setattr("prefcal_scenarios.verification.nominal.margins", fails)
     assert dict(unverified(Study(**known)))["Margins"] == "not verified: no margins: no plant"
 
 
-def test_margins_of_somebodys_own_loop_come_from_a_process_that_may_be_ended(monkeypatch):
-    source = f"{Path(__file__).parents[3] / 'docs' / 'dc_motor.py'}:motor"
+def test_what_is_told_of_somebodys_own_loop_comes_from_a_process_that_may_be_ended(monkeypatch, tmp_path):
+    own = (Path(__file__).parents[3] / "docs" / "dc_motor.py").read_text("utf-8")
+    (tmp_path / "motor.py").write_text(own.replace("horizon=4.0)", "horizon=4.0, noise=np.array([0.01]))"))
+    source = f"{tmp_path / 'motor.py'}:motor"
     here = load(source)
     theta = here.space.decode(np.full(len(here.space), 0.5))
-    trial = SimpleNamespace(experiment=here.run(theta))
+    trial = SimpleNamespace(index=0, experiment=here.run(theta))
     known = {"result": trial, "before": trial}
     with isolation(source) as isolated:
         apart = Study(scenario=isolated(here), **known)
         there = dict(unverified(apart))["Margins"]
-        assert there == dict(unverified(Study(scenario=here, **known)))["Margins"]
+        assert dict(unverified(apart)) == dict(unverified(Study(scenario=here, **known)))
+        assert [len(row) for row in apart.noise.rows] == [2, 2, 2]
         assert apart.margin_words == there[:-1]
         assert tell_margins(apart.margin_words).startswith("Margins of the nominal loop: gain margin [dB]: ")
-        monkeypatch.setattr(loop_margins, "_PATIENCE", 1e-9)
+        monkeypatch.setattr(nominal, "_PATIENCE", 1e-9)
         late = dict(unverified(Study(scenario=isolated(here), **known)))["Margins"]
         assert re.fullmatch("not verified: no margins: .* took longer than .*", late)
+
+
+def test_other_draws_of_the_noise_stand_on_the_sheet_before_and_after_verification():
+    lag = load("lag")
+    new, old = (lag.space.decode(np.full(len(lag.space), share)) for share in (0.5, 0.4))
+    after, before = (
+        SimpleNamespace(index=k, experiment=lag.run(theta, seed=3)) for k, theta in ((1, new), (0, old))
+    )
+    told = dict(unverified(Study(scenario=lag, result=after, before=before)))["Other noise"]
+    assert told[0] == "with the next 20 seeds, before → after: median (lowest to highest)"
+    overshoots = [[lag.run(t, seed=k).kpis["overshoot"] for k in range(4, 24)] for t in (old, new)]
+    (said,) = [each for each in told if each.startswith("overshoot")]
+    numbers = [float(each) for each in re.findall(r"[\d.]+", said)]
+    for shown, values in ((numbers[:3], overshoots[0]), (numbers[3:6], overshoots[1])):
+        assert shown == pytest.approx([np.median(values), min(values), max(values)], rel=1e-2, abs=0.01)
+    assert numbers[6] == sum(b < a for a, b in zip(*overshoots, strict=True))
+    verified = verify(lag, new, 2, start=old, noise=3, jobs=1)
+    assert replace(FOUND, noise=verified.redrawn).noise.texts == told
+    assert dict(verified_answers(replace(FOUND, noise=verified.redrawn)))["Other noise"] == told
+    assert "Other noise" not in dict(verified_answers(FOUND))
+    assert "Other noise" not in dict(unverified(toy_record()))
 
 
 @pytest.mark.parametrize("content", ["{", '{"x": 1}'])
@@ -381,10 +408,10 @@ def test_a_result_whose_own_run_was_unsafe_does_not_hold():
 def test_the_sheet_says_that_all_experiments_have_one_draw_of_the_noise(monkeypatch):
     def said(noise):
         env = SimpleNamespace(task=SimpleNamespace(noise=noise))
-        monkeypatch.setattr("prefcal_app.report.write.env_of", lambda source: env)
+        monkeypatch.setattr("prefcal_scenarios.verification.nominal.env_of", lambda source: env)
         return dict(answers(toy_record())).get("Experiment", "")
 
-    words = "All experiments have the same draw of the sensor noise (seed 1): with another, KPIs differ."
+    words = "All experiments have the same draw of the sensor noise (seed 1), see Other noise."
     assert said(np.full(1, 0.1)).endswith(words)
     assert "noise" not in said(None)
     assert "noise" not in said(np.zeros(1))

@@ -15,14 +15,14 @@ from prefcal_app.report import verifying
 from prefcal_app.report.pictures import open_loop
 from prefcal_app.report.verifying import judge, picture, verify_best, written_beside
 from prefcal_app.report.write import FILE, LOOP, data_uri, refresh, write_report
-from prefcal_app.view.end import MARGINS
+from prefcal_app.view.end import NOMINAL, Told
 from prefcal_env.controllers.margins import margin_kpis
 from prefcal_env.disk import digest_of
 from prefcal_env.errors import ScenarioError, SettingsError, StaleError
 from prefcal_env.sources.source import plant_of
 from prefcal_scenarios import KPI, load
 from prefcal_scenarios.described.description import join_limits
-from prefcal_scenarios.verification.loop_margins import margins_at
+from prefcal_scenarios.verification.nominal import margins_at
 from prefcal_scenarios.verification.result import command_of
 from prefcal_scenarios.verification.said import BEST, REPEAT, Verified
 from prefcal_scenarios.verification.said import FILE as VERIFICATION
@@ -81,11 +81,13 @@ def test_a_tuning_that_stays_is_not_run_beside_itself(best):
 
 def test_an_open_loop_of_another_tuning_is_removed(best):
     said = verify_best(best, 2, jobs=1)
-    words = json.loads((best.parent / MARGINS).read_text("utf-8"))
-    assert words == [f"{name}: {value}" for name, value in said.margins]
+    told = Told.read(best.parent)
+    assert told.margins == tuple(f"{name}: {value}" for name, value in said.margins)
+    assert told.noise == said.noise
+    assert len(told.noise.rows) > 3
     write_report(toy_record(), best.parent)
     assert not (best.parent / LOOP).exists()
-    assert not (best.parent / MARGINS).exists()
+    assert not (best.parent / NOMINAL).exists()
 
 
 def test_the_open_loop_of_a_plant_that_each_run_makes_anew_is_drawn():

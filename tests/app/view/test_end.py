@@ -10,10 +10,21 @@ from prefcal_agents.screening.findings import Findings, RobustResult
 from prefcal_app.session import Choice, actions
 from prefcal_app.summary import Spread
 from prefcal_app.view import now_view
-from prefcal_app.view.end import MARGINS, baseline_of, curves_of_both, gain_view, gained, runs_held
+from prefcal_app.view.end import (
+    NOMINAL,
+    Told,
+    baseline_of,
+    curves_of_both,
+    gain_view,
+    gained,
+    runs_held,
+    tell_noise,
+)
 from prefcal_env import PID, Channel, Channels
 from prefcal_env.controllers import as_data
+from prefcal_env.plain import to_plain
 from prefcal_scenarios.scenario import KPI
+from prefcal_scenarios.verification.nominal import Redrawn
 from support.interviews import begin
 from support.looks import asked
 from toy_study import toy_scenario
@@ -80,6 +91,55 @@ def test_the_rows_of_every_screen_begin_with_the_largest_gains_and_all_that_they
     rows = gained(before, after, kpis, Spread())
     assert "".join(row["title"] for row in rows) == "dfecgba"
     assert gain_view("first experiment", 1, rows, [])["first"] == 5
+
+
+NOISE = Redrawn(
+    (("a [s]", "1 (0 to 3)", "2 (1 to 3)", "12 of 20"), ("b", "1", "2 (1.8 to 2.2)", "20 of 20")),
+    {"a": "better with 12 of 20"},
+    ("b ≤ 2 is kept with 18 of 20 draws",),
+)
+
+
+def test_a_change_within_the_noise_is_neither_a_gain_nor_a_cost():
+    first = asked()[0].past.experiment(0)
+    kpis = [KPI(name, name, better="lower") for name in "abc"]
+    before = replace(first, kpis={"a": 2.0, "b": 2.0, "c": 1.0})
+    after = replace(first, kpis={"a": 0.5, "b": 1.0, "c": 1.0})
+    rows = gained(before, after, kpis, Spread(), noise=NOISE)
+    assert [(row["title"], row["verdict"]) for row in rows] == [
+        ("b", "better"),
+        ("a", "within noise"),
+        ("c", ""),
+    ]
+    shown = gain_view("first experiment", 1, rows, [])
+    assert shown["first"] == 1
+    assert [row["cells"][3]["text"] for row in shown["table"]["rows"]] == ["better", "within noise", ""]
+    assert tell_noise(rows, NOISE) == (
+        "All experiments share one draw of the sensor noise. Of 20 others, at least 19 confirm each “better” "
+        "and “worse” above. Within the noise: a (better with 12 of 20). B ≤ 2 is kept with 18 of 20 draws."
+    )
+
+
+def test_without_noise_nothing_is_said_of_it_and_what_is_not_known_has_its_reason():
+    rows = [{"title": "a", "verdict": "better"}]
+    assert tell_noise(rows, Redrawn()) == tell_noise(rows, "") == ""
+    assert tell_noise(rows, "40 runs take more than 20 s") == (
+        "All experiments share one draw of the sensor noise. Whether others change the result is not known: "
+        "40 runs take more than 20 s."
+    )
+    first = "All experiments share one draw of the sensor noise."
+    assert tell_noise([{"title": "a", "verdict": ""}], replace(NOISE, remarks=())) == first
+    assert tell_noise(rows, Redrawn((("a [s]", "1 (0 to 3)"),))) == first  # the result is the first one
+
+
+def test_what_is_told_of_noise_stands_below_what_was_gained(tmp_path):
+    (tmp_path / NOMINAL).write_text(json.dumps({"noise": to_plain(NOISE)}))
+    assert Told.read(tmp_path) == Told(noise=NOISE)
+    gain = over(tmp_path)[2]["gain"]
+    assert gain["noise"].endswith("B ≤ 2 is kept with 18 of 20 draws.")
+    (tmp_path / NOMINAL).write_text(json.dumps({"noise": "a run failed"}))
+    assert over(tmp_path)[2]["gain"]["noise"].endswith("is not known: a run failed.")
+    assert Told.read(None) == Told.read(tmp_path / "none") == Told()
 
 
 def test_a_slight_change_that_meets_an_objective_is_a_gain():
@@ -226,11 +286,12 @@ def test_the_end_gives_a_pid_in_each_form_and_says_how_to_write_the_controller(t
     assert cells["T_i′"] == ["series", "–", "–"]  # 4 * 8 > 20
     assert "–: the series form cannot have a T_d above about a quarter of T_i." in forms["caption"]
     assert found["margins"] == ""
-    for odd in ("{", "{}", "3"):
-        (tmp_path / MARGINS).write_text(odd)
+    for odd in ("{", "{}", "3", '{"margins": 3}', '{"noise": {"rows": 3}}'):
+        (tmp_path / NOMINAL).write_text(odd)
         assert over(tmp_path)[2]["next"]["margins"] == ""
+        assert over(tmp_path)[2]["gain"]["noise"] == ""
     words = ["gain margin [dB]: 9 (before 7)", "phase margin [°]: 50 (before 41)"]
-    (tmp_path / MARGINS).write_text(json.dumps(words))
+    (tmp_path / NOMINAL).write_text(json.dumps({"margins": words}))
     assert over(tmp_path)[2]["next"]["margins"] == (
         "Margins of the nominal loop: gain margin [dB]: 9 (before 7); phase margin [°]: 50 (before 41)."
     )

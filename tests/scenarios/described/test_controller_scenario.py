@@ -20,7 +20,7 @@ from prefcal_scenarios.described.design import process_of
 from prefcal_scenarios.described.lqr_scenario import lqr_scenario
 from prefcal_scenarios.described.pid_scenario import pid_scenario
 from prefcal_scenarios.described.steps import Mark, marks_of
-from prefcal_scenarios.verification.loop_margins import margins_at
+from prefcal_scenarios.verification.nominal import margins_at
 
 VALVE = Channel("valve", "%", 0, 100)
 PLANTS = {

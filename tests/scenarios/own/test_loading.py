@@ -9,7 +9,7 @@ import pytest
 from prefcal_env.errors import ScenarioError
 from prefcal_scenarios import load, own
 from prefcal_scenarios.own import SAYS, module_at
-from prefcal_scenarios.verification.loop_margins import margins_at
+from prefcal_scenarios.verification.nominal import margins_at
 
 
 @pytest.fixture

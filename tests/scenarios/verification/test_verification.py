@@ -35,7 +35,7 @@ from prefcal_scenarios.described.lqr_scenario import lqr_scenario
 from prefcal_scenarios.described.pid_scenario import pid_scenario
 from prefcal_scenarios.names import CLOSED_LOOPS
 from prefcal_scenarios.verification import verify
-from prefcal_scenarios.verification.loop_margins import margins_at, margins_said, remaining
+from prefcal_scenarios.verification.nominal import margins_at, margins_said, remaining
 from prefcal_scenarios.verification.result import Robustness, Verification, VerifiedRun
 from prefcal_scenarios.verification.said import BEST, FILE, Verified, WorstRun
 from prefcal_scenarios.verification.varied_runs import Perturbed, count_losses, robustly, which_keep

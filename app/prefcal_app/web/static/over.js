@@ -58,7 +58,7 @@ function gained({ gain, missed }) {
   return el("div", { class: "card gain" }, el("h3", {}, "What you got"),
     gain.same ? el("p", {}, gain.none) : [picture(gain), shownTable({ label: "Most gained, and its cost", columns, rows: most }),
       least.length ? folded("gain-all", counted(least.length, "more KPI"), shownTable({ label: "More KPIs", columns, rows: least })) : null],
-    missed ? el("p", {}, missed) : null,
+    missed ? el("p", {}, missed) : null, gain.noise ? el("p", { class: "faint" }, symbol(gain.noise)) : null,
     gain.before.length ? folded("gain-back", "The way back", el("p", { class: "faint" }, gain.back), values(gain.before)) : null);
 }
 
