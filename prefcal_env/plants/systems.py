@@ -440,6 +440,7 @@ class Ensemble:
     told: str  # what it leaves open, for people
     noise: float = 0.0  # standard deviation of the noise in its output
     guessed: bool = False  # whether nobody stated the limits of its input
+    moved: float = 0.0  # largest move of its input in the record; 0 if it is not known
 
 
 class LinearPlant:

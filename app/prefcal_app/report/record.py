@@ -42,12 +42,11 @@ from prefcal_scenarios.verification.nominal import (
     UNKNOWN,
     Redrawn,
     compare_draws,
-    is_noisy,
     list_margins,
-    margins_at,
     margins_said,
+    noise_of,
     nominal_apart,
-    run_again,
+    nominal_of,
 )
 from prefcal_scenarios.wording import (
     MISSING,
@@ -407,7 +406,9 @@ class StudyRecord:
         own, drawn = [each.experiment for each in self._both], self._nominal[1]
         if isinstance(drawn, str):
             return drawn
-        return compare_draws(self.kpis, own, drawn, own[0].channels.time_unit) if drawn else Redrawn()
+        noise = noise_of(self.scenario.source) if drawn else None
+        unit = own[0].channels.time_unit
+        return compare_draws(self.kpis, own, drawn, unit, noise.lacking) if noise else Redrawn()
 
     @property
     def _both(self) -> list[Trial]:
@@ -416,17 +417,15 @@ class StudyRecord:
 
     @cached_property
     def _nominal(self) -> tuple[tuple[Margins | str, ...], Sequence[Sequence[HasKPIs]] | str]:
-        """Return margins, then runs with other draws of the noise of each of `_both`, none without noise."""
-        source, thetas = self.scenario.source, [t.experiment.theta for t in (self.result, self.before)]
-        seed, once = self.settings.get("seed", 0) if is_noisy(source) else None, thetas[: len(self._both)]
+        """Return margins and runs with other draws of the noise of each of `_both`, none without noise."""
+        source, seed = self.scenario.source, self.settings.get("seed", 0)
+        thetas = [each.experiment.theta for each in self._both]
         with suppress(PrefcalError):
-            known = source.varied()
-            margins = tuple(margins_at(known, theta) for theta in thetas)
-            return margins, [] if seed is None else run_again(source, once, seed)
+            return nominal_of(source, thetas, seed)
         if plant_of(source) is None:
             return (UNKNOWN,), []
         try:  # a file that runs in a process of its own
-            return nominal_apart(source, thetas, once, seed)
+            return nominal_apart(source, thetas, seed)
         except PrefcalError as error:
             return (f"no margins: {error}",), []
 

@@ -26,7 +26,7 @@ from prefcal_env.plants.jacobians import U
 from prefcal_env.sources.source import env_of, plant_of
 from prefcal_scenarios.scenario import Picture, Scenario
 from prefcal_scenarios.style import WIDTH, png, style
-from prefcal_scenarios.verification.nominal import DRAWS, Redrawn, is_noisy, list_margins, margins_said
+from prefcal_scenarios.verification.nominal import DRAWS, Redrawn, list_margins, margins_said, noise_of
 from prefcal_scenarios.verification.said import BEST, NOT_VARIED, USUAL, VARIED, Verified
 from prefcal_scenarios.wording import (
     counted,
@@ -135,7 +135,7 @@ _RUN = (
     "Run prefcal verify best.json, which completes this page."
 )
 _BRIEF = 214  # most characters of what an experiment is: two lines
-NOISE_ALONE = f"KPIs with {DRAWS} other draws of the sensor noise, and nothing else varied"
+NOISE_ALONE = f"KPIs with {DRAWS} draws of the sensor noise, and nothing else varied"
 """Label of the table of `Redrawn`."""
 LOOP = "open_loop.png"
 """Name of the picture from which margins are read."""
@@ -186,7 +186,8 @@ def _shorten_brief(brief: str) -> str:
 
 def _say_noise(record: StudyRecord) -> str:
     """Return that all experiments have the same draw of the sensor noise; "" without noise."""
-    if not is_noisy(record.scenario.source):
+    noise = noise_of(record.scenario.source)
+    if noise is None or noise.lacking:
         return ""
     seed = record.settings.get("seed", 0)
     return f"All experiments have the same draw of the sensor noise (seed {seed}), see Other noise."

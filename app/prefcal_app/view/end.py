@@ -527,7 +527,10 @@ def tell_noise(rows: Sequence[Mapping[str, Any]], noise: Redrawn | str) -> str:
         return f"{first} Whether others change the result is not known: {noise}."
     changed = any(row["verdict"] for row in rows) and any(len(row) > 3 for row in noise.rows)
     within = [f"{r['title']} ({noise.unsteady[r['title']]})" for r in rows if r["verdict"] == WITHIN_NOISE]
-    said = f" Of {DRAWS} others, at least {STEADY} confirm each “better” and “worse” above."
+    draws = f"{DRAWS} others"
+    if noise.lacking:
+        first, draws = f"The runs that were compared are without {noise.lacking}.", f"{DRAWS} draws of it"
+    said = f" Of {draws}, at least {STEADY} confirm each “better” and “worse” above."
     but = f" Within the noise: {join_words(within)}." if within else ""
     return " ".join([f"{first}{said}{but}" if changed else first, *map(sentence, noise.remarks)])
 

@@ -330,16 +330,17 @@ def snapped(low: float, high: float, grain: int = _GRAIN) -> Range:
 def _frame(channel: Channel, low: float, high: float, *, whole: bool) -> Range:
     """Extend a range to limits that the curves come near; distant ones would flatten the curves.
 
-    A range covers at least a tenth of the allowed span, so that noise is not magnified. It is the `whole`
-    span, of an input, from a twentieth on: the next run moves it elsewhere, and the axis would jump.
+    A range covers at least a hundredth of the allowed span: below that, nothing that matters is magnified.
+    It is the `whole` span, of an input, from a twentieth on: the next run moves it elsewhere, and the axis
+    would jump.
     """
     limits = [limit for limit in (channel.low, channel.high) if np.isfinite(limit)]
     if not low <= high:
         return (limits[0], limits[-1]) if limits else (low, high)
-    allowed = (channel.high - channel.low) / 10 if len(limits) > 1 else 0.0
-    middle, span = (low + high) / 2, max(high - low, allowed)
+    allowed = channel.high - channel.low if len(limits) > 1 else 0.0
+    middle, span = (low + high) / 2, max(high - low, allowed / 100)
     near = [limit for limit in limits if max(low - limit, limit - high) <= 2 * span]
-    near = limits if whole and 0 < allowed <= 2 * (high - low) else near
+    near = limits if whole and 0 < allowed <= 20 * (high - low) else near
     return min(low, middle - span / 2, *near), max(high, middle + span / 2, *near)
 
 

@@ -210,7 +210,8 @@ class Found:
             name=f"{names} ({about})",
             time_unit=self.time_unit,
         )
-        return plant.among(Ensemble(systems, self.best, self.record, self.told, self.noise, self.guessed))
+        more = self.noise, self.guessed, self.moved
+        return plant.among(Ensemble(systems, self.best, self.record, self.told, *more))
 
     @property
     def _reference(self) -> float | None:

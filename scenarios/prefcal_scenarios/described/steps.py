@@ -446,6 +446,22 @@ def _assumed_limits(plant: Plant, inputs: Sequence[Channel]) -> Iterator[str]:
             yield f"Nobody stated limits of {c.name}; {limits} is assumed."
 
 
+def _beyond_record(plant: Plant, design: Design) -> Iterator[str]:
+    """Yield where a step asks for more than the record of an identified plant has shown."""
+    sample = sample_of(plant)
+    if sample is None or not sample.moved:
+        return
+    for loop in design.loops:
+        needs = abs(loop.step / loop.process.gain) if not loop.process.integrators else 0.0
+        if needs > 1.05 * sample.moved:
+            unit = loop.channel.unit
+            asked, shown = (quantity(float(f"{v:.3g}"), unit) for v in (needs, sample.moved))
+            yield (
+                f"To rest there, {loop.channel.name} moves by {asked}, which is more than the {shown} of "
+                f"{sample.record}: what the model says of that is not measured."
+            )
+
+
 def _brief(plant: Plant, design: Design, assumed: Sequence[str]) -> str:
     """Return the brief: steps, loads, what was assumed, and what to judge by."""
     time, said = plant.time_unit, list[str]()
@@ -470,6 +486,7 @@ def _brief(plant: Plant, design: Design, assumed: Sequence[str]) -> str:
                 + ("." if absolute else ": if its values are deviations, give it limits on both sides of 0.")
             )
     said += getattr(getattr(plant, "system", None), "cleaned", ())
+    said += _beyond_record(plant, design)
     if (sample := sample_of(plant)) and sample.noise:
         noise = quantity(float(f"{sample.noise:.3g}"), plant.outputs[0].unit)
         said.append(

@@ -13,11 +13,12 @@ from jaxtyping import Float
 
 from prefcal_env.controllers.margins import UNCONSTRAINED, UNSTABLE, Margins, margins, margins_at_target
 from prefcal_env.envs.task import Task
-from prefcal_env.envs.varied_loop import at_target
+from prefcal_env.envs.varied_loop import IDENTIFIED, NOISE, at_target
 from prefcal_env.errors import PrefcalError
 from prefcal_env.experiments.experiment import check_returned
 from prefcal_env.plants.plant import Plant
 from prefcal_env.sources.source import Source, Varied, env_of
+from prefcal_env.sources.varied import Factor, Values
 from prefcal_env.workers import Terms, Worker
 from prefcal_scenarios.runs import HasKPIs, Simulated
 from prefcal_scenarios.scenario import KPI
@@ -202,9 +203,12 @@ DRAWS = 20
 """Other draws of the noise that are looked at."""
 STEADY = 19
 """Draws with which a change has to keep its sign."""
+_LOUD = 2.0  # times that noise makes a KPI as bad, from which on it is said where the study has none
 _FAR = 0.5  # share of what the other draws span, beyond which the study's own draw stands apart
 _PATIENCE = 20.0  # seconds that a report waits for margins, and for runs
 Theta = Float[np.ndarray, " n"]
+Nominal = tuple[tuple[Margins | str, ...], list[list[Simulated]] | str]
+"""Margins of some θ, then runs with other draws of the noise of each, or why there are none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,6 +221,7 @@ class Redrawn:
     # With how many draws KPIs change as in the study, by their titles: those for which these are too few
     unsteady: Mapping[str, str] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()  # what else is to be known, a text each
+    lacking: str = ""  # noise that the runs of the study lack, in words; "" if they have one draw of it
 
     def __bool__(self) -> bool:
         return bool(self.rows)
@@ -227,9 +232,8 @@ class Redrawn:
         if not self:
             return ()
         pairs = any(len(row) > 3 for row in self.rows)
-        first = (
-            f"with the next {DRAWS} seeds{', before → after' if pairs else ''}: median (lowest to highest)"
-        )
+        which = f"{DRAWS} draws of {self.lacking}" if self.lacking else f"the next {DRAWS} seeds"
+        first = f"with {which}{', before → after' if pairs else ''}: median (lowest to highest)"
         said = (
             f"{name}: {' → '.join(reversed(rest[:2]))}{f', better with {rest[2]}' if rest[2:] else ''}"
             for name, *rest in self.rows
@@ -237,14 +241,34 @@ class Redrawn:
         return first, *said, *self.remarks
 
 
-def is_noisy(source: Source) -> bool:
-    """Return whether the measurements of a simulated loop have noise, so that another seed is another run."""
-    task = getattr(env_of(source), "task", None)
-    if task is None:
-        with suppress(PrefcalError):  # of a function that makes its environment anew for each run
-            task = getattr(source.varied().loop, "task", None)
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """Noise of the sensors of a simulated loop, of which each seed has another draw."""
+
+    values: Values = field(
+        default_factory=dict
+    )  # values of factors with which runs have it, if not as they are
+    lacking: str = ""  # what the runs of a study lack then, in words
+
+
+def noise_of(source: Source) -> Noise | None:
+    """Return the noise of a simulated loop; None without.
+
+    The runs of a plant that was identified from a record are without the noise of that.
+    """
+    if source.asks:
+        return None
+    task, factors = getattr(env_of(source), "task", None), tuple[Factor, ...]()
+    with suppress(PrefcalError):
+        known = source.varied()
+        factors = known.factors
+        # A function may make its environment anew for each run.
+        task = task or getattr(known.loop, "task", None)
     noise = getattr(task, "noise", None)
-    return not source.asks and noise is not None and bool(np.any(noise))
+    if noise is not None and np.any(noise):
+        return Noise()
+    found = (f for f in factors if f.name == NOISE and f.told.startswith(IDENTIFIED))
+    return next((Noise({NOISE: f.high}, f.told.removeprefix(IDENTIFIED)) for f in found), None)
 
 
 def other_seeds(seed: int) -> range:
@@ -272,12 +296,8 @@ def run_again(
     return made
 
 
-def nominal_apart(
-    source: Source, thetas: Sequence[Theta], once: Sequence[Theta], seed: int | None
-) -> tuple[tuple[Margins | str, ...], list[list[Simulated]] | str]:
-    """Return margins of `thetas` and what `run_again` returns of `once`, physical, each of shape (n,).
-
-    They come from a process of its own, as somebody's code may never end. Without a seed, there are no runs.
+def nominal_apart(source: Source, thetas: Sequence[Theta], seed: int) -> Nominal:
+    """Return what `nominal_of` does, from a process of its own, as somebody's code may never end.
 
     Raises:
         RunError: If they take long, or the process dies.
@@ -285,28 +305,35 @@ def nominal_apart(
     work = pickle.dumps((_working, (source.elsewhere,)))
     worker = Worker(lambda: work, 2 * _PATIENCE, Terms("the computation of margins", again=False, quiet=True))
     try:
-        found: tuple[tuple[Margins | str, ...], list[list[Simulated]] | str] = worker.run(
-            (thetas, once, seed)
-        )
+        found: Nominal = worker.run((list(thetas), seed))
         return found
     finally:
         worker.close()
 
 
-def _working(source: Source) -> Callable[[tuple[Sequence[Theta], Sequence[Theta], int | None]], Any]:
+def _working(source: Source) -> Callable[[tuple[Sequence[Theta], int]], Any]:
     """Return, in a worker, the function that returns margins and runs."""
+    return lambda asked: nominal_of(source, *asked)
 
-    def work(asked: tuple[Sequence[Theta], Sequence[Theta], int | None]) -> Any:
-        thetas, once, seed = asked
-        margins = tuple(margins_at(known, theta) for theta in thetas)
-        return margins, [] if seed is None else run_again(source, once, seed)
 
-    known = source.varied()
-    return work
+def nominal_of(source: Source, thetas: Sequence[Theta], seed: int) -> Nominal:
+    """Return margins of physical θ, each of shape (n,), and what `run_again` does, no runs without noise.
+
+    Raises:
+        ScenarioError: If nothing of the source can vary.
+    """
+    known, noise = source.varied(), noise_of(source)
+    at = known.at(noise.values) if noise and noise.values else source
+    margins = tuple(margins_at(known, theta) for theta in thetas)
+    return margins, run_again(at, thetas, seed) if noise else []
 
 
 def compare_draws(
-    kpis: Sequence[KPI], own: Sequence[HasKPIs], drawn: Sequence[Sequence[HasKPIs]], time_unit: str
+    kpis: Sequence[KPI],
+    own: Sequence[HasKPIs],
+    drawn: Sequence[Sequence[HasKPIs]],
+    time_unit: str,
+    lacking: str = "",
 ) -> Redrawn:
     """Return what KPIs are with other draws of the noise; margins do not depend on it.
 
@@ -315,14 +342,16 @@ def compare_draws(
         own: Runs of the result and of the tuning before, if there is another one, with the draw of the study.
         drawn: Runs with other draws, of each of these.
         time_unit: Unit of time.
+        lacking: Noise that runs of the study lack, in words; "" if they have one draw of it.
     """
     known = [kpi for kpi in kpis if not kpi.margin and all(kpi.name in run.kpis for run in own)]
-    each = [_Draws(kpi, own, drawn, time_unit) for kpi in known]
+    each = [_Draws(kpi, own, drawn, time_unit, quiet=bool(lacking)) for kpi in known]
     remarks = [*_ended_early(drawn), *(words for one in each for words in one.remarks())]
     return Redrawn(
         tuple(one.row for one in each),
         {one.kpi.title: one.unsteady for one in each if one.unsteady},
         tuple(remarks),
+        lacking,
     )
 
 
@@ -340,9 +369,15 @@ class _Draws:
     """One KPI with the draw of a study and with others, of the result and of the tuning before."""
 
     def __init__(
-        self, kpi: KPI, own: Sequence[HasKPIs], drawn: Sequence[Sequence[HasKPIs]], time_unit: str
+        self,
+        kpi: KPI,
+        own: Sequence[HasKPIs],
+        drawn: Sequence[Sequence[HasKPIs]],
+        time_unit: str,
+        *,
+        quiet: bool,
     ) -> None:
-        self.kpi, self._time_unit = kpi, time_unit
+        self.kpi, self._time_unit, self._quiet = kpi, time_unit, quiet
         self._own = [run.kpis[kpi.name] for run in own]
         self._values = [np.array([_value(kpi, run) for run in runs]) for runs in drawn]
 
@@ -374,15 +409,26 @@ class _Draws:
         for name, value, values in zip(_NAMES, self._own, self._values, strict=False):
             if np.isfinite(value) and (lost := int(np.isinf(values).sum())):
                 yield f"{kpi.title}{name} is {self._text(np.inf)} with {lost} of {len(values)} draws"
-            known = values[~np.isnan(values)]
-            if not len(known) or np.isinf(known).any():
-                continue
-            least, most = float(known.min()), float(known.max())
-            gap, (low, high) = max(least - value, value - most), (self._text(v) for v in (least, most))
-            if gap > _FAR * (most - least) and self._text(value) not in (low, high):
-                own = with_unit(self._text(value), kpi.unit)
-                others = with_unit(low if low == high else f"{low} to {high}", kpi.unit)
-                yield f"{kpi.title}{name} is {own} with the draw of the study alone, {others} with the others"
+            yield from self._apart(name, value, values[~np.isnan(values)])
+
+    def _apart(self, name: str, value: float, known: Float[np.ndarray, " r"]) -> Iterator[str]:
+        """Yield that no draw has nearly the value of the study, which has a draw of its own, or no noise."""
+        if not len(known) or np.isinf(known).any():
+            return
+        kpi, least, most = self.kpi, float(known.min()), float(known.max())
+        own, low, high = (self._text(v) for v in (value, least, most))
+        others = with_unit(low if low == high else f"{low} to {high}", kpi.unit)
+        if self._quiet and kpi.goal == "lower" and least > _LOUD * value > 0:
+            yield f"{kpi.title}{name} is {with_unit(own, kpi.unit)} without that noise, {others} with it"
+        elif (
+            not self._quiet
+            and max(least - value, value - most) > _FAR * (most - least)
+            and own not in (low, high)
+        ):
+            yield (
+                f"{kpi.title}{name} is {with_unit(own, kpi.unit)} with the draw of the study alone, {others} "
+                "with the others"
+            )
 
     def _changes(self) -> tuple[int, int] | None:
         """Return with how many draws it is better, and worse, than before; None without that, or a goal."""

@@ -42,7 +42,7 @@ from prefcal_scenarios.wording import (
     with_unit,
 )
 
-from .nominal import DRAWS, USUAL, Redrawn, compare_draws, kept_margin, remaining, usual_margins
+from .nominal import DRAWS, USUAL, Noise, Redrawn, compare_draws, kept_margin, remaining, usual_margins
 
 # --- What came of a verification, as frozen data, and what follows from it.
 
@@ -147,6 +147,7 @@ class Verification:
         inputs: Inputs of the nominal plant; empty if they are not known.
         seed: Seed of the variations.
         narrower: Names of the factors whose stated range is narrower than the usual one.
+        noise: Noise of the runs `draws`; None if there is none.
         anew: Function of another seed and of limits, each as typed, that returns the command that verifies by
             them in place of its own.
     """
@@ -166,6 +167,7 @@ class Verification:
     inputs: tuple[Channel, ...] = ()
     seed: int = 0
     narrower: tuple[str, ...] = ()
+    noise: Noise | None = None
     anew: Callable[[int, Sequence[str]], str] = field(default=command_of, compare=False)
 
     @property
@@ -178,7 +180,9 @@ class Verification:
         """Return what KPIs are with other draws of the sensor noise."""
         known = [t for t in (self.tuning, self.before) if t is not None and len(t.draws) == DRAWS]
         own, drawn = [t.nominal for t in known], [t.draws for t in known]
-        return compare_draws(self.kpis, own, drawn, self.tuning.time_unit) if known else Redrawn()
+        if not known or self.noise is None:
+            return Redrawn()
+        return compare_draws(self.kpis, own, drawn, self.tuning.time_unit, self.noise.lacking)
 
     @property
     def failed(self) -> tuple[VerifiedRun, ...]:
@@ -474,7 +478,7 @@ class Verification:
     def _offer(self, kpi: KPI, limit: float, why: str) -> str:
         kept = sum(kpi.read(run.kpis.get(kpi.name, np.inf)) <= limit for run in self.runs)
         most = quantity(limit, kpi.unit)
-        return f"{kpi.title} at most {most}{why}: {kept} of {len(self.runs)} runs"
+        return f"{kpi.title} at most {most}{why}: kept in {kept} of {len(self.runs)} runs"
 
     def _usual(self) -> Iterator[tuple[KPI, float, str]]:
         for kpi in self.kpis:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from itertools import compress, zip_longest
+from itertools import compress, product, zip_longest
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,7 @@ from prefcal_scenarios.isolated import DEFAULT_LIMIT
 from prefcal_scenarios.runs import FailedRun, HasKPIs, Progress, processes_kept, simulate_iter, simulate_many
 from prefcal_scenarios.scenario import KPI, Scenario, finds_kpis, with_found_kpis
 
-from .nominal import DRAWS, UNKNOWN, is_noisy, margins_at, other_seeds
+from .nominal import DRAWS, UNKNOWN, Noise, margins_at, noise_of, other_seeds
 from .result import RANGE_0, Others, Robustness, Verification, VerifiedRun, breakable, count_kept, problems_of
 
 # --- The perturbed runs of a candidate in a robust study: which there are, and which keep the limits.
@@ -222,7 +222,8 @@ def verify(
     found, known = _with_kpis(found, thetas[0], noise, timeout), _varied(found)
     varying, fixed = _within(known.factors, ranges or {})
     tunings, factors, unfair = _nominally(found, known, thetas, varying, noise, timeout)
-    cases = tuple(_cases(factors, len(tunings), runs, seed, noise, noisy=is_noisy(found.source)))
+    sensed = noise_of(found.source)
+    cases = tuple(_cases(factors, len(tunings), runs, seed, noise, sensed))
     if jobs is None and timeout is None and _seconds(found, thetas[0], clock) * len(cases) <= _QUICK:
         jobs = 1
     limit = timeout if timeout is not None or jobs == 1 else DEFAULT_LIMIT  # a varied plant may never end
@@ -240,7 +241,7 @@ def verify(
     verified = Verification(found.name, found.kpis, factors, left_out, runs, tunings[0], before, each)
     spans = {f.name: f.high - f.low for f in varying}
     narrower = tuple(f.name for f in known.factors if spans.get(f.name, np.inf) < f.high - f.low)
-    verified = replace(verified, unheld=apart, inputs=inputs, seed=seed, narrower=narrower)
+    verified = replace(verified, unheld=apart, inputs=inputs, seed=seed, narrower=narrower, noise=sensed)
     return _look_further(_Trials(found, known, verified, many)) if len(made) == len(cases) else verified
 
 
@@ -472,7 +473,7 @@ def _seconds(scenario: Scenario, theta: Float[np.ndarray, " n"], clock: Callable
 
 
 def _cases(
-    factors: tuple[Factor, ...], tunings: int, runs: int, seed: int, noise: int, *, noisy: bool
+    factors: tuple[Factor, ...], tunings: int, runs: int, seed: int, noise: int, sensed: Noise | None
 ) -> Iterator[_Case]:
     """Yield random runs of the tuning, each factor alone, the random runs of the other, then other draws."""
     rows = [draw(factors, seed, k) for k in range(runs)]
@@ -482,8 +483,9 @@ def _cases(
         yield from (_Case(0, {factor.name: value}, noise) for value in (factor.low, factor.high))
     for which in range(1, tunings):
         yield from (_Case(which, row, each) for row, each in zip(rows, seeds, strict=True))
-    for which in range(tunings if noisy else 0):
-        yield from (_Case(which, {}, other) for other in other_seeds(noise))
+    if sensed is not None:
+        again = product(range(tunings), other_seeds(noise))
+        yield from (_Case(which, dict(sensed.values), other) for which, other in again)
 
 
 def _done(

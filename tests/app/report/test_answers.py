@@ -130,7 +130,10 @@ def test_margins_stand_beside_those_before_and_an_error_of_own_code_is_said(monk
     loop = load("lag")
     theta = loop.space.decode(np.full(len(loop.space), 0.5))
     trial = SimpleNamespace(index=0, experiment=loop.run(theta))
-    known = {"scenario": loop, "result": trial, "before": trial}
+    old = SimpleNamespace(index=1, experiment=trial.experiment)
+    known = {"scenario": loop, "result": trial, "before": old}
+    alone = dict(unverified(Study(scenario=loop, result=trial, before=trial)))["Margins"]
+    assert re.fullmatch(r"gain margin \[dB\]: [\d.]+", alone[0])  # nothing was before
     said = dict(unverified(Study(**known)))["Margins"]
     assert re.fullmatch(r"gain margin \[dB\]: [\d.]+ \(before [\d.]+\)", said[0])
     assert "linearized at the operating point" in said[-1]

@@ -128,6 +128,11 @@ def test_without_noise_nothing_is_said_of_it_and_what_is_not_known_has_its_reaso
         "40 runs take more than 20 s."
     )
     first = "All experiments share one draw of the sensor noise."
+    lacking = replace(NOISE, lacking="the noise of step.csv, 0.4 °C", unsteady={}, remarks=())
+    assert tell_noise(rows, lacking) == (
+        "The runs that were compared are without the noise of step.csv, 0.4 °C. Of 20 draws of it, at least "
+        "19 confirm each “better” and “worse” above."
+    )
     assert tell_noise([{"title": "a", "verdict": ""}], replace(NOISE, remarks=())) == first
     assert tell_noise(rows, Redrawn((("a [s]", "1 (0 to 3)"),))) == first  # the result is the first one
 

@@ -79,7 +79,10 @@ def test_limits_are_on_the_axes_where_curves_come_near_and_noise_is_not_magnifie
     one = run(THETA)
     still = replace(one, u=np.full_like(one.u, 5.0))
     low, high = Seen().frame((VALVE,), still)["y"][0]
-    assert high - low >= 1.0  # a tenth of 0 to 10 %
+    assert high - low >= 0.1  # a hundredth of 0 to 10 %
+    small = replace(one, u=np.linspace(5.0, 5.07, len(one.t))[:, None])
+    low, high = Seen().frame((VALVE,), small)["y"][0]
+    assert high - low <= 0.2  # on an axis of a tenth of 0 to 10 %, this curve is a flat line
     full = replace(one, u=np.linspace(1.0, 9.0, len(one.t))[:, None])
     low, high = Seen().frame((VALVE,), full)["y"][0]
     assert low < 0

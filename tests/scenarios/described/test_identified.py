@@ -20,6 +20,7 @@ from prefcal_scenarios.described.pid_scenario import pid_scenario
 from prefcal_scenarios.names import KEPT_PLANT
 from prefcal_scenarios.own import files_of, fingerprint, runs_code
 from prefcal_scenarios.verification import verify
+from prefcal_scenarios.verification.nominal import DRAWS, compare_draws, noise_of, nominal_of
 from prefcal_scenarios.verification.varied_runs import robustly
 from support.step_tests import NOISE, ROWS, T, U, response, table
 
@@ -57,8 +58,27 @@ def test_a_study_stays_near_what_the_record_has_shown(record, plant):
     said = f"The runs are without the record's noise of {found.noise:.3g} °C: a gain or derivative that"
     assert said in scenario.brief
     assert "noise" not in pid_scenario(replace(found, noise=0.0).plant()).brief
+    beyond = "To rest there, valve moves by 12 %, which is more than the 6 % of step.csv: what the model says"
+    assert beyond in scenario.brief
+    assert "not measured" not in pid_scenario(plant, reference={"temperature": 58.0}).brief
     wide = replace(found, moved=15.0).plant()
     assert wide.outputs[0].target is None, "a usual step is no farther"
+
+
+def test_the_noise_of_the_record_is_that_with_which_the_result_runs_again(record, plant):
+    scenario, found = (
+        load(f'pid {{"plant": "{record.as_posix()}"}}'),
+        Found.read(record.with_suffix(KEPT_PLANT)),
+    )
+    noise = noise_of(scenario.source)
+    assert noise.lacking == f"the noise of step.csv, {found.noise:.2g} °C"
+    theta = scenario.references["MIGO"]
+    (_, *_), drawn = nominal_of(scenario.source, [theta], 0)
+    assert len({run.kpis["total_move"] for run in drawn[0]}) == DRAWS
+    assert min(run.kpis["total_move"] for run in drawn[0]) > scenario.run(theta).kpis["total_move"]
+    assert verify(scenario, theta, 2, jobs=1).redrawn == compare_draws(
+        scenario.kpis, [scenario.run(theta)], drawn, "s", noise.lacking
+    )
 
 
 @pytest.mark.parametrize("kind", ["pid", "lqr"])

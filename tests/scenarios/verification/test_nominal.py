@@ -13,7 +13,7 @@ from prefcal_scenarios import load
 from prefcal_scenarios.runs import Simulated
 from prefcal_scenarios.scenario import KPI
 from prefcal_scenarios.verification import verify
-from prefcal_scenarios.verification.nominal import DRAWS, Redrawn, compare_draws, is_noisy, run_again
+from prefcal_scenarios.verification.nominal import DRAWS, Noise, Redrawn, compare_draws, noise_of, run_again
 
 SETTLING = KPI("settling", "settling time", "s", at_most=5.0)
 OVERSHOOT = KPI("overshoot", "overshoot", "%", better="lower")
@@ -101,6 +101,19 @@ def test_a_value_that_the_draw_of_the_study_alone_has_is_said():
     assert "settling time is never with 2 of 20 draws" in never.remarks
 
 
+def test_noise_that_the_study_lacks_is_told_with_what_it_makes_much_worse():
+    after, before = np.linspace(300.0, 400.0, DRAWS), np.linspace(30.0, 40.0, DRAWS)
+    own, drawn = runs("overshoot", (140.0, 20.0)), [runs("overshoot", each) for each in (after, before)]
+    found = compare_draws([OVERSHOOT], own, drawn, "s", "the noise of step.csv, 0.4 °C")
+    assert found.lacking == "the noise of step.csv, 0.4 °C"
+    assert found.texts[0] == (
+        "with 20 draws of the noise of step.csv, 0.4 °C, before → after: median (lowest to highest)"
+    )
+    # The tuning before rises by less than twice.
+    assert found.remarks == ("overshoot is 140 % without that noise, 300 to 400 % with it",)
+    assert found.unsteady == {}
+
+
 def test_runs_that_end_early_are_counted_and_have_no_kpis():
     after = [*runs("overshoot", [1.0] * 18), run(End.UNSAFE, overshoot=0.0), run(End.FAILED)]
     found = compare_draws(
@@ -121,13 +134,13 @@ def test_margins_have_no_noise_and_what_has_no_goal_is_not_better():
 def test_runs_have_the_seeds_that_follow_that_of_the_study():
     lag = load("lag")
     theta = lag.space.decode(np.full(len(lag.space), 0.5))
-    assert is_noisy(lag.source)
+    assert noise_of(lag.source) == Noise()
     ((first, *rest),) = run_again(lag.source, [theta], 7)
     assert len(rest) == DRAWS - 1
     assert first.kpis == lag.run(theta, seed=8).kpis
     assert rest[-1].kpis == lag.run(theta, seed=27).kpis
     assert len({each.kpis["overshoot"] for each in (first, *rest)}) == DRAWS
-    assert not is_noisy(load("cstr").source)
+    assert noise_of(load("cstr").source) is None
 
 
 def test_nobody_waits_for_runs_that_take_long_and_an_error_of_own_code_is_said():

@@ -202,8 +202,8 @@ def test_without_a_stated_limit_it_is_said_what_counts_and_usual_limits_are_offe
     )
     assert found.headline == (
         "Not judged, since no limit on runs is stated: 40 of 40 runs end safely and settle. Usual limits: "
-        "settling time at most 2 s (twice the nominal one): 40 of 40 runs; overshoot at most 10 %: "
-        f"{light} of 40 runs."
+        "settling time at most 2 s (twice the nominal one): kept in 40 of 40 runs; overshoot at most 10 %: "
+        f"kept in {light} of 40 runs."
     )
     assert found.advice == ()
     assert verify(SPRING, THETA, 3, jobs=1).limits.startswith(
@@ -681,7 +681,10 @@ def test_titles_of_ones_own_begin_with_capitals_and_get_the_same_offers():
     kpis = (KPI("ts", "Settling time", "s", better="lower"), KPI("most", "Overshoot", "%", better="lower"))
     found = verify(replace(SPRING, run=moved, kpis=kpis), THETA, 3, jobs=1)
     assert found.statement.startswith("3 of 3 runs end safely and settle")
-    assert "Usual limits: Settling time at most 2 s (twice the nominal one): 3 of 3 runs" in found.headline
+    assert (
+        "Usual limits: Settling time at most 2 s (twice the nominal one): kept in 3 of 3 runs"
+        in found.headline
+    )
     assert "Overshoot at most 10 %: " in found.headline
 
 
