@@ -36,15 +36,15 @@ from prefcal_env.study import StudyFile, space_of, study_path, to_text
 from prefcal_env.wording import in_words, locate
 from prefcal_scenarios.names import is_described, is_own
 from prefcal_scenarios.own import file_in, split_source
-from prefcal_scenarios.runs import WORST, HasKPIs, grouped
+from prefcal_scenarios.runs import WORST, grouped
 from prefcal_scenarios.scenario import KPI, Scenario
 from prefcal_scenarios.verification.nominal import (
     UNKNOWN,
+    Nominal,
     Redrawn,
     compare_draws,
     list_margins,
     margins_said,
-    noise_of,
     nominal_apart,
     nominal_of,
 )
@@ -403,12 +403,11 @@ class StudyRecord:
     @cached_property
     def noise(self) -> Redrawn | str:
         """Return what KPIs are with other draws of the sensor noise, or why that is not known."""
-        own, drawn = [each.experiment for each in self._both], self._nominal[1]
+        own, (_, drawn, lacking) = [each.experiment for each in self._both], self._nominal
         if isinstance(drawn, str):
             return drawn
-        noise = noise_of(self.scenario.source) if drawn else None
         unit = own[0].channels.time_unit
-        return compare_draws(self.kpis, own, drawn, unit, noise.lacking) if noise else Redrawn()
+        return compare_draws(self.kpis, own, drawn, unit, lacking) if drawn else Redrawn()
 
     @property
     def _both(self) -> list[Trial]:
@@ -416,18 +415,18 @@ class StudyRecord:
         return [self.result, self.before][: 1 + (self.result.index != self.before.index)]
 
     @cached_property
-    def _nominal(self) -> tuple[tuple[Margins | str, ...], Sequence[Sequence[HasKPIs]] | str]:
-        """Return margins and runs with other draws of the noise of each of `_both`, none without noise."""
+    def _nominal(self) -> Nominal:
+        """Return what is known of each of `_both` on the nominal plant."""
         source, seed = self.scenario.source, self.settings.get("seed", 0)
         thetas = [each.experiment.theta for each in self._both]
         with suppress(PrefcalError):
             return nominal_of(source, thetas, seed)
         if plant_of(source) is None:
-            return (UNKNOWN,), []
+            return (UNKNOWN,), [], ""
         try:  # a file that runs in a process of its own
             return nominal_apart(source, thetas, seed)
         except PrefcalError as error:
-            return (f"no margins: {error}",), []
+            return (f"no margins: {error}",), [], ""
 
     @property
     def margin_words(self) -> tuple[str, ...]:

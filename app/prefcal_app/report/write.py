@@ -26,7 +26,7 @@ from prefcal_env.plants.jacobians import U
 from prefcal_env.sources.source import env_of, plant_of
 from prefcal_scenarios.scenario import Picture, Scenario
 from prefcal_scenarios.style import WIDTH, png, style
-from prefcal_scenarios.verification.nominal import DRAWS, Redrawn, list_margins, margins_said, noise_of
+from prefcal_scenarios.verification.nominal import DRAWS, Redrawn, list_margins, margins_said
 from prefcal_scenarios.verification.said import BEST, NOT_VARIED, USUAL, VARIED, Verified
 from prefcal_scenarios.wording import (
     counted,
@@ -186,8 +186,8 @@ def _shorten_brief(brief: str) -> str:
 
 def _say_noise(record: StudyRecord) -> str:
     """Return that all experiments have the same draw of the sensor noise; "" without noise."""
-    noise = noise_of(record.scenario.source)
-    if noise is None or noise.lacking:
+    noise = record.noise
+    if not noise or (isinstance(noise, Redrawn) and noise.lacking):
         return ""
     seed = record.settings.get("seed", 0)
     return f"All experiments have the same draw of the sensor noise (seed {seed}), see Other noise."

@@ -61,7 +61,7 @@ from prefcal_scenarios.runs import WORST
 from prefcal_scenarios.scenario import KPI, Scenario, panels_of
 from prefcal_scenarios.verification.nominal import DRAWS, STEADY, Redrawn
 from prefcal_scenarios.verification.said import NEVER_USED
-from prefcal_scenarios.wording import MISSING, exact_number, join_words, number, sentence
+from prefcal_scenarios.wording import MISSING, exact_number, join_words, number, sentence, with_unit
 
 from . import question
 from .question import Seen, question_view, theta_texts, theta_view
@@ -452,11 +452,20 @@ def gain_view(
         "title": f"What was gained over the {baseline}",
         "none": f"No experiment was better than the {baseline}: experiment {best + 1} is still the best.",
         "same": best == 0,
+        "headline": _headline(rows) if best else "",
         "table": question.table("What was gained", heads, lines, caption),
         "first": count_first(rows),
         "before": before if best and can_go_back(baseline) else [],
         "back": f"To go back, set the values of the {baseline}; best.json has them, too.",
     }
+
+
+def _headline(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return the largest gain in words; "" without one."""
+    for row in (each for each in rows if each["verdict"] == "better"):
+        change = with_unit(f"{row['before']} → {row['after']}", row["unit"])
+        return f"{row['title'][:1].upper()}{row['title'][1:]}: {change}"
+    return ""
 
 
 _GAINS = 3  # largest gains that are shown before what they cost

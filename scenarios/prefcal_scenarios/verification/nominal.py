@@ -207,8 +207,9 @@ _LOUD = 2.0  # times that noise makes a KPI as bad, from which on it is said whe
 _FAR = 0.5  # share of what the other draws span, beyond which the study's own draw stands apart
 _PATIENCE = 20.0  # seconds that a report waits for margins, and for runs
 Theta = Float[np.ndarray, " n"]
-Nominal = tuple[tuple[Margins | str, ...], list[list[Simulated]] | str]
-"""Margins of some θ, then runs with other draws of the noise of each, or why there are none."""
+Nominal = tuple[tuple[Margins | str, ...], list[list[Simulated]] | str, str]
+"""Margins of some θ, then runs with other draws of the noise of each, none without noise, or why there are
+none, and the noise that runs of a study lack, in words."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -317,7 +318,7 @@ def _working(source: Source) -> Callable[[tuple[Sequence[Theta], int]], Any]:
 
 
 def nominal_of(source: Source, thetas: Sequence[Theta], seed: int) -> Nominal:
-    """Return margins of physical θ, each of shape (n,), and what `run_again` does, no runs without noise.
+    """Return what is known of physical θ, each of shape (n,), on the nominal plant.
 
     Raises:
         ScenarioError: If nothing of the source can vary.
@@ -325,7 +326,7 @@ def nominal_of(source: Source, thetas: Sequence[Theta], seed: int) -> Nominal:
     known, noise = source.varied(), noise_of(source)
     at = known.at(noise.values) if noise and noise.values else source
     margins = tuple(margins_at(known, theta) for theta in thetas)
-    return margins, run_again(at, thetas, seed) if noise else []
+    return margins, run_again(at, thetas, seed) if noise else [], noise.lacking if noise else ""
 
 
 def compare_draws(

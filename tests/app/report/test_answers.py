@@ -410,11 +410,12 @@ def test_a_result_whose_own_run_was_unsafe_does_not_hold():
 
 def test_the_sheet_says_that_all_experiments_have_one_draw_of_the_noise(monkeypatch):
     def said(noise):
-        env = SimpleNamespace(task=SimpleNamespace(noise=noise))
-        monkeypatch.setattr("prefcal_scenarios.verification.nominal.env_of", lambda source: env)
-        return dict(answers(toy_record())).get("Experiment", "")
+        monkeypatch.setattr(StudyRecord, "noise", noise)
+        return dict(answers(replace(toy_record()))).get("Experiment", "")
 
     words = "All experiments have the same draw of the sensor noise (seed 1), see Other noise."
-    assert said(np.full(1, 0.1)).endswith(words)
-    assert "noise" not in said(None)
-    assert "noise" not in said(np.zeros(1))
+    drawn = nominal.Redrawn((("overshoot [%]", "2 (1 to 3)"),))
+    assert said(drawn).endswith(words)
+    assert said("40 runs take more than 20 s").endswith(words)
+    assert "noise" not in said(nominal.Redrawn())
+    assert "noise" not in said(replace(drawn, lacking="the noise of step.csv"))

@@ -113,6 +113,9 @@ def test_a_change_within_the_noise_is_neither_a_gain_nor_a_cost():
     ]
     shown = gain_view("first experiment", 1, rows, [])
     assert shown["first"] == 1
+    assert shown["headline"] == "B: 2 → 1"
+    assert gain_view("first experiment", 0, rows, [])["headline"] == ""
+    assert gain_view("first experiment", 1, rows[1:], [])["headline"] == ""
     assert [row["cells"][3]["text"] for row in shown["table"]["rows"]] == ["better", "within noise", ""]
     assert tell_noise(rows, NOISE) == (
         "All experiments share one draw of the sensor noise. Of 20 others, at least 19 confirm each “better” "

@@ -73,7 +73,8 @@ def test_the_noise_of_the_record_is_that_with_which_the_result_runs_again(record
     noise = noise_of(scenario.source)
     assert noise.lacking == f"the noise of step.csv, {found.noise:.2g} °C"
     theta = scenario.references["MIGO"]
-    (_, *_), drawn = nominal_of(scenario.source, [theta], 0)
+    _, drawn, lacking = nominal_of(scenario.source, [theta], 0)
+    assert lacking == noise.lacking
     assert len({run.kpis["total_move"] for run in drawn[0]}) == DRAWS
     assert min(run.kpis["total_move"] for run in drawn[0]) > scenario.run(theta).kpis["total_move"]
     assert verify(scenario, theta, 2, jobs=1).redrawn == compare_draws(

@@ -18,10 +18,11 @@ const link = (words, properties) => el("a", { class: "button", ...properties }, 
 
 export function showOver(now, act) {
   const { over, progress } = now;
+  const reason = `${REASONS[over.reason] ?? over.words.replace(/^./, (letter) => letter.toUpperCase())}.`;
   const typing = document.activeElement?.id === "more"; // when the report comes
   fill($("view-over"), el("div", { class: "hero" },
-    el("div", {}, el("h2", { id: "over-title" }, symbol(`${REASONS[over.reason] ?? over.words.replace(/^./, (letter) => letter.toUpperCase())}.`)),
-      el("p", { class: "faint" }, `${counted(progress.experiments, "experiment")}, ${counted(progress.given, "comparison")}.`))),
+    el("div", {}, el("h2", { id: "over-title" }, symbol(over.gain?.headline || reason)),
+      el("p", { class: "faint" }, symbol(`${over.gain?.headline ? `${reason} ` : ""}${counted(progress.experiments, "experiment")}, ${counted(progress.given, "comparison")}.`)))),
   el("div", { class: "columns" }, el("div", {}, bestCard(over.best, "The result", !over.gain || over.gain.same), gained(over)),
     el("div", {}, holds(over), steps(now, act), reasons(over))));
   if (typing) $("more").focus();
