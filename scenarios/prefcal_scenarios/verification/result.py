@@ -138,7 +138,8 @@ class Verification:
         alone: Runs of the tuning with the lowest and the highest value of each factor, in pairs.
         others: How other tunings fare; None if they were not tried: all runs are good, some are missing,
             the tuning before holds in all, or a run is no simulation.
-        stopped: Whether Ctrl-C ended the search for other tunings, so that there may be a better one.
+        stopped: How other tunings fared until Ctrl-C ended the search for them, the best one on those of the
+            plants that it met; None if it was not ended.
         as_stated: Random runs again with the task as stated: the first that failed and, if all of these
             hold there, all. Empty if no run failed, or nothing of the task varied that nobody stated, or the
             tuning does not even hold nominally.
@@ -159,7 +160,7 @@ class Verification:
     before: Robustness | None
     alone: tuple[VerifiedRun, ...]
     others: Others | None = None
-    stopped: bool = False
+    stopped: Others | None = None
     as_stated: tuple[VerifiedRun, ...] = ()
     unheld: tuple[VerifiedRun, ...] = ()
     inputs: tuple[Channel, ...] = ()

@@ -851,14 +851,51 @@ def test_ctrl_c_while_failed_runs_run_again_starts_no_other_ones(count):
     assert failed > 2
     assert np.diff(counts).tolist() == [failed, 100 - failed, 60 + 20][:count], "Ctrl-C ends all that follows"
     assert len(found.as_stated) == [0, 0, 100][count - 1]
-    assert (found.others, found.stopped) == (None, True)
+    assert found.others is None
+    assert found.stopped == Others(int(count == 3), 0, None), "one tuning ran, which cannot do as modeled"
     # A better tuning may be there: no limit is to be relaxed before the search for it has ended.
     advice = Verified.of(found, tracking, "", "1.0", "").advice
-    assert advice[-1].startswith("verify again: the search for a tuning that holds in more runs was stopped")
+    when = (
+        "before any other tuning ran"
+        if count < 3
+        else ("after 1 other tuning, of which 0 can do as modeled what is asked")
+    )
+    assert advice[-1] == (
+        "look longer: the search for a tuning that holds in more runs was stopped from outside (Ctrl-C, "
+        f"kill, or Stop on the page; it has no time limit of its own), {when}. To search to the end, run: "
+        "prefcal verify best.json"
+    )
     assert not any(each.startswith("relax") for each in advice)
     counts.clear()
     alone = verify(replace(tracking, simulated=False), THETA, 100, jobs=1, progress=stop)
     assert not alone.stopped, "of a plant that is not simulated, no other tuning is looked for"
+
+
+def test_a_stopped_search_says_how_far_it_was_what_is_the_best_so_far_and_which_factor_fails_alone():
+    def stop(arrived, total):
+        if arrived == 360:
+            raise KeyboardInterrupt
+
+    spring = replace(SPRING, simulated=True)
+    found = verify(spring, THETA, 100, jobs=1, progress=stop)
+    best, lost = found.stopped.best, {run.seed for run in found.failed}
+    (gain,) = best.theta.tolist()
+    kinds = [[run for run in best.runs if (run.seed in lost) is one] for one in (True, False)]
+    fails, holds = ([gain / run.values["mass"] <= 2.1 for run in runs] for runs in kinds)
+    assert 6 < len(best.runs) < 100, "of the second round, it had met some plants"
+    advice = Verified.of(found, spring, "", "1.0", "").advice
+    assert advice[0] == "mass alone loses a limit: weight 2.22, required ≤ 2.1"
+    assert (
+        f", after {found.stopped.count} other tunings, of which {found.stopped.able} can do as modeled what "
+        f"is asked; the best so far (gain={gain:g}) holds, so far, in {sum(fails)} of {len(fails)} runs "
+        f"where this one fails and in {sum(holds)} of {len(holds)} where this one holds. To search"
+    ) in advice[1]
+    # One that met all plants is counted like the result, and the command asks as the verification did.
+    whole = replace(found.stopped, best=replace(best, runs=found.runs))
+    kept = replace(found, stopped=whole, seed=3)
+    (*_, last) = Verified.of(kept, spring, "", "1.0", "").advice
+    assert f"(gain={gain:g}) holds in {100 - len(lost)} of the same 100 runs. To search" in last
+    assert last.endswith("run: prefcal verify best.json --seed 3")
 
 
 def test_ctrl_c_after_the_last_run_adds_none():
