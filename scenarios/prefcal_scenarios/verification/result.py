@@ -296,7 +296,7 @@ class Verification:
         few = 0 < len(self.failed) < min(CHANCE, len(self.runs) / 2) and len(self._missing) <= _FEW
         if not few or self.tuning.nominal.problems:
             return ""
-        said = (self._missed(k, runs[0]) for p, runs in self._missing.items() if (k := self._kpi_of(p)))
+        said = (self.words_of(k, runs[0]) for p, runs in self._missing.items() if (k := self._kpi_of(p)))
         words = "; ".join(said)
         which = "the other" if len(self.failed) == 1 else "the others, at worst"
         return f" ({which}: {words})" if words else ""
@@ -342,10 +342,10 @@ class Verification:
 
     def words(self, run: VerifiedRun) -> str:
         """Return what a run misses, with its values and the limits, or that it holds."""
-        said = (self._missed(kpi, run) if (kpi := self._kpi_of(p)) else p for p in run.problems)
+        said = (self.words_of(kpi, run) if (kpi := self._kpi_of(p)) else p for p in run.problems)
         return "; ".join(said) or "holds"
 
-    def _missed(self, kpi: KPI, run: VerifiedRun, worst: str = "") -> str:
+    def words_of(self, kpi: KPI, run: VerifiedRun, worst: str = "") -> str:
         """Return which value of a KPI misses its limit, in words."""
         return f"{kpi.title} {self._read(kpi, run.kpis[kpi.name])}{worst}, required {limits_text(kpi)}"
 
@@ -361,7 +361,7 @@ class Verification:
         found = list[str]()
         for problem, runs in self._missing.items():
             kpi, worst = self._kpi_of(problem), " at worst" if len(runs) > 1 else ""
-            said = self._missed(kpi, runs[0], worst) if kpi else problem
+            said = self.words_of(kpi, runs[0], worst) if kpi else problem
             found.append(f"{said}: in {len(runs)} of {len(self.runs)} runs")
         return tuple(found)
 

@@ -30,7 +30,7 @@ from prefcal_scenarios.wording import (
 )
 
 from .loop_margins import has_poor_margins, margins_said
-from .result import CHANCE, Effect, Others, Robustness, Verification, VerifiedRun, count_kept
+from .result import CHANCE, Effect, Others, Robustness, Verification, VerifiedRun, count_kept, problems_of
 
 # --- What a verification leaves beside its best.json, as plain data for people and programs.
 
@@ -263,14 +263,21 @@ def _first_of(misses: Sequence[str]) -> tuple[str, ...]:
 
 
 def _compare_before(found: Verification, baseline: str) -> str:
-    """Return on how many plants the baseline holds; if those are fewer, also how the result does there."""
-    new, old = found.runs, found.before.runs if found.before else ()
+    """Return on how many plants the baseline holds, how the result does there, and what it misses anyway."""
+    if found.before is None:
+        return f" Stopped before the {baseline} ran on these plants." if baseline and found.runs else ""
+    new, old = found.runs, found.before.runs
     if not old:
-        left = baseline and new and found.before is None
-        return f" Stopped before the {baseline} ran on these plants." if left else ""
+        return ""
     held, now = (count_kept(runs[: len(old)]) for runs in (old, new))
     fewer = f"; after: {now} of these {len(old)}" if len(old) < len(new) else ""
-    return f" Before ({baseline}): {held} of {len(old)} of the same plants{fewer}."
+    # What fails on the modeled plant already holds on few others: the count alone would read as fragile.
+    own, before = found.before.nominal, replace(found, tuning=found.before)
+    own = replace(own, problems=problems_of(found.kpis, own, found.tuning.nominal))
+    lost = [found.words(own)] * bool(own.problems)
+    lost += [before.words_of(kpi, own) for kpi in before.missed_margins]
+    already = f"; it misses without any variation: {'; '.join(lost)}" if lost else ""
+    return f" Before ({baseline}): {held} of {len(old)} of the same plants{fewer}{already}."
 
 
 def _next(found: Verification, scenario: Scenario, baseline: str, again: str) -> tuple[str, ...]:

@@ -1107,7 +1107,31 @@ def test_a_tuning_before_that_never_settles_does_not_hold_beside_one_that_does()
     found = verify(replace(SPRING, run=moved, kpis=kpis), THETA, 20, start=THETA / 4, jobs=1)
     said = Verified.of(found, SPRING, "current tuning", "1.0", "").statement
     assert said.startswith("20 of 20 runs end safely and settle")
-    assert said.endswith("Before (current tuning): 0 of 20 of the same plants.")
+    assert said.endswith(
+        "Before (current tuning): 0 of 20 of the same plants; it misses without any variation: settling time "
+        "is infinite."
+    )
+
+
+def test_what_the_tuning_before_misses_without_any_variation_is_said_beside_its_count():
+    M_s = KPI("M_s", "maximum sensitivity M_s", at_most=2.0, margin=True)
+
+    def swings(theta, seed=0, mass=1.0):
+        made = run(theta, seed, mass)
+        return made.with_kpis({**made.kpis, "M_s": float(theta[0])})
+
+    spring = replace(SPRING, run=swings, kpis=(*KPIS, M_s))
+    told = [
+        Verified.of(
+            verify(spring, np.array([1.5]), 20, start=np.array([old]), jobs=1), spring, "SIMC", "", ""
+        )
+        for old in (2.5, 1.6)
+    ]
+    assert told[0].statement.endswith(
+        "Before (SIMC): 0 of 20 of the same plants; it misses without any variation: weight 2.5, required ≤ "
+        "2.1; maximum sensitivity M_s 2.5, required ≤ 2."
+    )
+    assert told[1].statement.endswith("Before (SIMC): 20 of 20 of the same plants.")
 
 
 def test_plants_that_no_input_can_hold_are_counted_apart_and_named():
