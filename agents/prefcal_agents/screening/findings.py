@@ -61,13 +61,30 @@ class Reason:
 
 
 @dataclass(frozen=True, slots=True)
+class Winner:
+    """What won by the answers, where the result of a robust study is another experiment, which holds in more.
+
+    Args:
+        index: Number of the experiment, from 0.
+        kept: How many of the same perturbed runs it keeps; None if it misses other limits as modeled.
+        costs: KPIs in which it is better than the result, as those of `RobustResult`.
+        overruled: Numbers, from 0, of the experiments whose answers call another one better than the result.
+    """
+
+    index: int
+    kept: int | None
+    costs: tuple[tuple[str, float, float], ...] = ()
+    overruled: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class RobustResult:
     """How the best θ of a robust study holds, and what that costs nominally.
 
     Args:
         kept: How many of `ENOUGH` perturbed runs keep the limits.
         most: How many another simulated θ keeps, if that is more, beyond chance; else 0.
-        costs: KPIs in which another θ is better that promises most, but does not hold, or in which the one
+        costs: KPIs in which another θ is better that promises most, but keeps fewer, or in which the one
             that keeps more runs differs, what matters most first; each with the value of the best θ and of
             that one, as agents know them.
         outdone: Whether it does not hold since it misses more limits nominally than a simulated θ does.
@@ -77,6 +94,7 @@ class RobustResult:
         other: That other θ, physical; empty without one.
         others_kept: How many of the same runs that one keeps; None if that was not asked.
         losses: In how many of them it loses which KPI, by name, the most first; "" is all of them.
+        won: What won by the answers, if that is not the best.
     """
 
     kept: int
@@ -88,6 +106,7 @@ class RobustResult:
     other: tuple[float, ...] = ()
     others_kept: int | None = None
     losses: tuple[tuple[str, int], ...] = ()
+    won: Winner | None = None
 
 
 def reason_for(stage: Stage, new: int, best: int, history: History) -> Reason:
@@ -376,14 +395,16 @@ def _robustness(agent: Screening, stage: Stage, past: History, best: int) -> Rob
     if old != best and np.array_equal(*simulations.list_missed(bank)[[old, best]]):
         first = int(simulations.runs_kept(bank.thetas[old]).sum())
     found = RobustResult(kept, (), bool(~eligible[best]), whole and bool(~eligible.all()), first=first)
+    found = replace(found, won=_find_winner(agent, stage, best, kept))
     if kept < ENOUGH:
         by_worth = np.argsort(-agent.growth.worth(past).mean(axis=0), kind="stable")
         rows = np.append(best, by_worth[by_worth != best])
         counts = simulations.steadiest(bank, rows)
         top = rows[counts.argmax()]
-        if not holds_more(simulations.runs_kept(bank.thetas[top]), runs):
+        if holds_more(simulations.runs_kept(bank.thetas[top]), runs):
+            return replace(found, most=int(counts.max()), **_compare_with(stage, past, best, int(top)))
+        if not holds_more(runs, simulations.runs_kept(bank.thetas[rival])):
             return found
-        return replace(found, most=int(counts.max()), **_compare_with(stage, past, best, int(top)))
     if rival == best or found.outdone or simulations.held(bank, np.array([rival]))[0]:
         return found
     theta = bank.thetas[rival]
@@ -394,6 +415,22 @@ def _robustness(agent: Screening, stage: Stage, past: History, best: int) -> Rob
         others_kept=int(simulations.runs_kept(theta).sum()),
         losses=tuple(sorted(losses.items(), key=lambda each: -each[1])),
     )
+
+
+def _find_winner(agent: Screening, stage: Stage, best: int, kept: int) -> Winner | None:
+    """Return what won by the answers, if the best, which keeps so many runs, is another that keeps more."""
+    history, simulations, bank = agent.history, agent.simulations, stage.bank
+    index = history.by_answers
+    if index is None or index == agent.best_index:
+        return None
+    row, count = bank.find(history.samples[index].theta), None
+    if np.array_equal(*simulations.list_missed(bank)[[row, best]]):
+        count = int(simulations.runs_kept(bank.thetas[row]).sum())
+        if count >= kept:  # the answers together speak for the best: that one lost by a slip
+            return None
+    costs = _compare_with(stage, history.past, best, row, worse=False)["costs"]
+    lost = {v.challenger for v in history.verdicts() if v.loser == agent.best_index}
+    return Winner(index, count, costs, tuple(sorted(lost)))
 
 
 def _compare_with(

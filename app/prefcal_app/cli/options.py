@@ -94,7 +94,7 @@ class Options(Described):
         robust: Look for a result that also keeps the limits in 300 runs with varied plants, or in most of
             them if none keeps all. With stated limits, everything varies that `prefcal verify` varies, except
             signs of steps and loads; without, only parameters, dead time and noise. What that costs is said
-            at the end, if the result holds.
+            at the end, if no other one is found to hold in more.
         study: Study to start or to resume: a name in your data folder, or a file (with a / or a
             suffix).
         seed: Seed of the agent, the calibrator and the order of the two sides.

@@ -61,6 +61,7 @@ class BestTuning:
     source: str  # name that loads the scenario again
     changed: bool  # whether the files of the scenario are others than in the study
     anew: str  # command line that begins another such study; "" if the file does not say
+    robust: bool  # whether the study counted varied runs, too
 
 
 REBUILD = """\
@@ -384,6 +385,7 @@ def tuning_of(path: str | Path) -> BestTuning:
         source,
         _is_changed(content, source),
         str(content.get("another study", "")),
+        "robust" in content.get("study", {}),
     )
 
 

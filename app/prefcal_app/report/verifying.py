@@ -2,6 +2,7 @@
 
 import json
 import shlex
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -15,7 +16,7 @@ import numpy as np
 from prefcal_env.disk import digest_of
 from prefcal_env.errors import ScenarioError, StaleError
 from prefcal_env.experiments.experiment import End
-from prefcal_env.sources.varied import Ranges
+from prefcal_env.sources.varied import BEYOND, Ranges
 from prefcal_scenarios.described.description import join_limits
 from prefcal_scenarios.described.making import limited
 from prefcal_scenarios.described.steps import marks_of
@@ -25,11 +26,11 @@ from prefcal_scenarios.runs import Progress, processes_kept
 from prefcal_scenarios.scenario import KPI, finds_kpis, with_found_kpis
 from prefcal_scenarios.style import png
 from prefcal_scenarios.verification import Verification, verify
-from prefcal_scenarios.verification.result import VerifiedRun, command_of
+from prefcal_scenarios.verification.result import VerifiedRun, breakable, command_of
 from prefcal_scenarios.verification.said import BEST, REFUSED, REPEAT, Verified, WorstRun
 from prefcal_scenarios.verification.said import FILE as VERIFICATION
-from prefcal_scenarios.verification.varied_runs import RUNS, replays, unvaried
-from prefcal_scenarios.wording import folder_for, limits_text, put
+from prefcal_scenarios.verification.varied_runs import RUNS, replays, robustly, unvaried
+from prefcal_scenarios.wording import folder_for, join_words, limits_text, put
 
 from .export import BestTuning, tuning_of, versions
 from .pictures import figure
@@ -95,7 +96,8 @@ def verify_best(
     titles = {kpi.title: kpi.name for kpi in found.kpis}
     found = replace(found, anew=lambda seed, wanted: command(seed, join_limits(limits, wanted, titles)))
     said = _put_in_words(found, tuning, best, limits, f"{clock(UTC):%Y-%m-%d %H:%M} UTC")
-    said = _offering(replace(said, limits=limits, ranges=ranges), found, own, command)
+    told = said.statement + _tell_apart(found, own) * tuning.robust
+    said = _offering(replace(said, statement=told, limits=limits, ranges=ranges), found, own, command)
     said = _with_earlier(said, _there(best.parent))
     _keep(said, found, tuning, best, timeout)
     return said
@@ -163,6 +165,21 @@ def _begin_another(tuning: BestTuning, best: Path, limits: Sequence[str]) -> str
     if tuning.before is not None or " --start " not in tuning.anew:  # else, the study began with its result
         words.append(shlex.join(["--start", str(best)]))
     return " ".join(words)
+
+
+def _tell_apart(found: Verification, own: Sequence[KPI]) -> str:
+    """Return why a robust study, whose KPIs are `own`, counted otherwise, and what fails here."""
+    others, limited = robustly(found.factors, own)[1], bool(breakable(own))
+    kinds = {factor.kind for factor in others}
+    names = [f.name for f in others] if limited else [words for k, words in BEYOND.items() if k in kinds]
+    said = f" The robust study counted other draws{f', without {join_words(names)}' if names else ''}"
+    lost = Counter(problem for run in found.failed for problem in run.problems).most_common()
+    if not lost:
+        return f"{said}." if found.runs else ""
+    turned = sum(any(run.values[f.name] != f.nominal for f in others) for run in found.failed)
+    these = f"; {turned} of the {len(found.failed)} runs that fail here have that turned"
+    missed = ", ".join(f"{problem} in {count}" for problem, count in lost)
+    return f"{said}{these if limited and names else ''}; what fails here: {missed}."
 
 
 def _put_in_words(

@@ -13,7 +13,7 @@ from prefcal_agents.learned_cost import LearnedCost
 from prefcal_agents.result import Influence, SmallerChange
 from prefcal_agents.screening.agent import MOST, Certificate
 from prefcal_agents.screening.bank import ENOUGH
-from prefcal_agents.screening.findings import Alternative, Findings, Reason, RobustResult
+from prefcal_agents.screening.findings import Alternative, Findings, Reason, RobustResult, Winner
 from prefcal_app.summary import Spread, compare
 from prefcal_env.envs.varied_loop import sample_of
 from prefcal_env.errors import ScenarioError
@@ -283,41 +283,60 @@ def _perturbed(scenario: Scenario) -> str:
         factors = scenario.source.elsewhere.here.varied().factors
     except ScenarioError:  # its files may have changed since
         more = join_words(list(BEYOND.values()))
-        plant = f"They vary the plant and the seed of its noise; prefcal verify varies {more}, too."
-        return "They vary what prefcal verify varies." if breakable(scenario.kpis) else plant
+        plant = (
+            f"The varied runs vary the plant and the seed of its noise; prefcal verify varies {more}, too."
+        )
+        return "The varied runs vary what prefcal verify varies." if breakable(scenario.kpis) else plant
     own, others = ([f.name for f in each] for each in robustly(factors, scenario.kpis))
     if breakable(scenario.kpis):
         but = f", without {' and '.join(others)}" if others else ""
-        return f"They are other draws of what prefcal verify varies{but}."
+        return f"The varied runs are other draws of what prefcal verify varies{but}."
     and_more = f"; prefcal verify also varies {join_words(others)}" if others else ""
-    return f"They vary {join_words([*own, 'the seed of the noise'])}{and_more}."
+    return f"The varied runs vary {join_words([*own, 'the seed of the noise'])}{and_more}."
 
 
 def robust(found: RobustResult, scenario: Scenario, nominal: Experiment | None = None) -> Iterator[str]:
     """Yield how the result, whose nominal run may be known, holds and what that costs, a sentence each."""
     yield _held(found.kept, "The result", scenario, nominal, outdone=found.outdone)
-    if found.kept < ENOUGH:  # nothing was paid
+    if found.won is not None:
+        yield _tell_winner(found.won, found, scenario)
+    if found.kept < ENOUGH:
         none = "None of the simulated θ was found to do so in more of the same runs, beyond chance."
         yield _more_often(found, scenario) if found.most else none
-        return
     yield _perturbed(scenario)
     missed = nominal is not None and any(k.met_by(nominal) is False for k in scenario.kpis)
-    if found.outdone or missed:
-        return  # what does not hold has no price
-    kpis = {kpi.name: kpi for kpi in scenario.kpis}
-    prices = [_price(kpis.get(name), name, ours, theirs) for name, ours, theirs in found.costs]
-    costs = (
-        join_words([price for price in prices if price][:_MOST]) or f"less than {percent(_LEAST)} of each KPI"
-    )
+    if found.outdone or missed or found.most:
+        return  # what misses limits as modeled has no price, nor does what holds in fewer runs than another
     limited = found.among and any(k.met(0.0) is not None for k in scenario.kpis)
-    if found.costs:
+    if found.costs and (found.kept == ENOUGH or found.others_kept is not None):
         those = ", of what keeps the stated limits," if limited else ""
         which = f" ({typed_theta(scenario.space, found.other)})" if found.other else ""
-        fails = _fails(found, scenario)
+        costs, fails = _sum_up(found.costs, scenario), _fails(found, scenario)
         yield f"Robustness costs {costs}: what promises most nominally{those} does not hold{which}{fails}."
-    else:
+    elif found.kept == ENOUGH and found.won is None:
         those = "keeps the stated limits nominally but does" if limited else "does"
         yield f"Robustness costs nothing: no simulated θ that {those} not hold promises more."
+
+
+def _sum_up(costs: Sequence[tuple[str, float, float]], scenario: Scenario) -> str:
+    """Return by how much the result is worse than another θ in the KPIs that matter most."""
+    kpis = {kpi.name: kpi for kpi in scenario.kpis}
+    prices = [_price(kpis.get(name), name, ours, theirs) for name, ours, theirs in costs]
+    hardly = f"less than {percent(_LEAST)} of each KPI"
+    return join_words([price for price in prices if price][:_MOST]) or hardly
+
+
+def _tell_winner(won: Winner, found: RobustResult, scenario: Scenario) -> str:
+    """Return what won by the answers, in how many runs it holds, and what the result costs in its place."""
+    count = f"does so in {won.kept} of the same {ENOUGH} runs"
+    but = "misses other stated limits as modeled" if won.kept is None else count
+    # What promises most can be that one: its price is said then.
+    costs = [] if won.costs in ((), found.costs) else [f"costs {_sum_up(won.costs, scenario)}"]
+    several, numbers = len(won.overruled) > 1, join_words([str(k + 1) for k in won.overruled])
+    if won.overruled:
+        costs.append(f"overrules the answer{'s' * several} about experiment{'s' * several} {numbers}")
+    instead = f" The result in its place {join_words(costs)}." if costs else ""
+    return f"Experiment {won.index + 1} won by the answers, but {but}.{instead}"
 
 
 def _fails(found: RobustResult, scenario: Scenario) -> str:

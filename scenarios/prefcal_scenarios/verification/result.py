@@ -139,7 +139,8 @@ class Verification:
         alone: Runs of the tuning with the lowest and the highest value of each factor, in pairs.
         others: How other tunings fare; None if they were not tried: all runs are good, some are missing,
             the tuning before holds in all, or a run is no simulation.
-        stopped: Whether Ctrl-C ended the search for other tunings, so that there may be a better one.
+        stopped: How other tunings fared until Ctrl-C ended the search for them, the best one on those of the
+            plants that it met; None if it was not ended.
         as_stated: Random runs again with the task as stated: the first that failed and, if all of these
             hold there, all. Empty if no run failed, or nothing of the task varied that nobody stated, or the
             tuning does not even hold nominally.
@@ -161,7 +162,7 @@ class Verification:
     before: Robustness | None
     alone: tuple[VerifiedRun, ...]
     others: Others | None = None
-    stopped: bool = False
+    stopped: Others | None = None
     as_stated: tuple[VerifiedRun, ...] = ()
     unheld: tuple[VerifiedRun, ...] = ()
     inputs: tuple[Channel, ...] = ()
@@ -307,7 +308,7 @@ class Verification:
         few = 0 < len(self.failed) < min(CHANCE, len(self.runs) / 2) and len(self._missing) <= _FEW
         if not few or self.tuning.nominal.problems:
             return ""
-        said = (self._missed(k, runs[0]) for p, runs in self._missing.items() if (k := self._kpi_of(p)))
+        said = (self.words_of(k, runs[0]) for p, runs in self._missing.items() if (k := self._kpi_of(p)))
         words = "; ".join(said)
         which = "the other" if len(self.failed) == 1 else "the others, at worst"
         return f" ({which}: {words})" if words else ""
@@ -353,10 +354,10 @@ class Verification:
 
     def words(self, run: VerifiedRun) -> str:
         """Return what a run misses, with its values and the limits, or that it holds."""
-        said = (self._missed(kpi, run) if (kpi := self._kpi_of(p)) else p for p in run.problems)
+        said = (self.words_of(kpi, run) if (kpi := self._kpi_of(p)) else p for p in run.problems)
         return "; ".join(said) or "holds"
 
-    def _missed(self, kpi: KPI, run: VerifiedRun, worst: str = "") -> str:
+    def words_of(self, kpi: KPI, run: VerifiedRun, worst: str = "") -> str:
         """Return which value of a KPI misses its limit, in words."""
         return f"{kpi.title} {self._read(kpi, run.kpis[kpi.name])}{worst}, required {limits_text(kpi)}"
 
@@ -372,7 +373,7 @@ class Verification:
         found = list[str]()
         for problem, runs in self._missing.items():
             kpi, worst = self._kpi_of(problem), " at worst" if len(runs) > 1 else ""
-            said = self._missed(kpi, runs[0], worst) if kpi else problem
+            said = self.words_of(kpi, runs[0], worst) if kpi else problem
             found.append(f"{said}: in {len(runs)} of {len(self.runs)} runs")
         return tuple(found)
 

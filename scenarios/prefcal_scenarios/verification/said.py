@@ -30,7 +30,7 @@ from prefcal_scenarios.wording import (
 )
 
 from .nominal import Redrawn, has_poor_margins, margins_said
-from .result import CHANCE, Effect, Robustness, Verification, VerifiedRun, count_kept
+from .result import CHANCE, Effect, Others, Robustness, Verification, VerifiedRun, count_kept, problems_of
 
 # --- What a verification leaves beside its best.json, as plain data for people and programs.
 
@@ -46,7 +46,6 @@ REFUSED = "not acceptable"
 """Verdict of a person on a worst run that speaks against the tuning."""
 REPEAT = "repeat the command of the study with --robust --n-max 5"
 """How to compare another tuning, up to the options that name it, if no command is known."""
-_STOPPED = "verify again: the search for a tuning that holds in more runs was stopped before its end"
 NEVER_USED = ("first experiment", "result of ")
 """Begins of the names of a first experiment that nobody gave as what is in use."""
 _NAMED = 8  # number of values of a run that are named
@@ -276,14 +275,21 @@ def _first_of(misses: Sequence[str]) -> tuple[str, ...]:
 
 
 def _compare_before(found: Verification, baseline: str) -> str:
-    """Return on how many plants the baseline holds; if those are fewer, also how the result does there."""
-    new, old = found.runs, found.before.runs if found.before else ()
+    """Return on how many plants the baseline holds, how the result does there, and what it misses anyway."""
+    if found.before is None:
+        return f" Stopped before the {baseline} ran on these plants." if baseline and found.runs else ""
+    new, old = found.runs, found.before.runs
     if not old:
-        left = baseline and new and found.before is None
-        return f" Stopped before the {baseline} ran on these plants." if left else ""
+        return ""
     held, now = (count_kept(runs[: len(old)]) for runs in (old, new))
     fewer = f"; after: {now} of these {len(old)}" if len(old) < len(new) else ""
-    return f" Before ({baseline}): {held} of {len(old)} of the same plants{fewer}."
+    # What fails on the modeled plant already holds on few others: the count alone would read as fragile.
+    own, before = found.before.nominal, replace(found, tuning=found.before)
+    own = replace(own, problems=problems_of(found.kpis, own, found.tuning.nominal))
+    lost = [found.words(own)] * bool(own.problems)
+    lost += [before.words_of(kpi, own) for kpi in before.missed_margins]
+    already = f"; it misses without any variation: {'; '.join(lost)}" if lost else ""
+    return f" Before ({baseline}): {held} of {len(old)} of the same plants{fewer}{already}."
 
 
 def _next(found: Verification, scenario: Scenario, baseline: str, again: str) -> tuple[str, ...]:
@@ -302,10 +308,10 @@ def _next(found: Verification, scenario: Scenario, baseline: str, again: str) ->
     alone = f"if nothing but {found.stated} counts, verify that alone, with --range task=0"
     chance = _leave_to_a_person(found) if other and len(found.failed) < CHANCE else ""
     every = (before, chance, other, margin, found.limiting, alone if found.holds_as_stated else "", *widen)
+    if found.stopped:  # a limit is relaxed only where no tuning that was tried holds in more
+        return (*filter(None, every), *_look_longer(found, found.stopped, scenario))
     if before or other:  # where a better tuning is known, no limit has to go
         return tuple(filter(None, every))
-    if found.stopped:  # a limit is relaxed only where no tuning that was tried holds in more
-        return (*filter(None, every), _STOPPED)
     left = "" if found.holds_as_stated else _nothing_else(found)
     return (*filter(None, (*every, left)), *found.advice)
 
@@ -433,6 +439,35 @@ def _nothing_else(found: Verification) -> str:
         f"{due}none of {tried.count} other tunings that were tried holds in more of the same "
         f"{len(found.runs)} runs, beyond chance ({counts})"
     )
+
+
+def _look_longer(found: Verification, tried: Others, scenario: Scenario) -> Iterator[str]:
+    """Yield which factor fails alone, and what a stopped search shows, with the command that ends it."""
+    lost = [each for each in found.effects if np.isinf(each.worsening)]
+    if len(lost) == 1:
+        yield f"{lost[0].factor.name} alone loses a limit: {found.words(lost[0].run)}"
+    count = f"{tried.count} other tuning{'s' * (tried.count != 1)}"
+    when = f"after {count}, of which {tried.able} can do as modeled what is asked"
+    best = "" if tried.best is None else f"; the best so far {_so_far(found, tried.best, scenario)}"
+    yield (
+        "look longer: the search for a tuning that holds in more runs was stopped from outside (Ctrl-C, "
+        "kill, or Stop on the page; it has no time limit of its own), "
+        f"{when if tried.count else 'before any other tuning ran'}{best}. To search to the end, run: "
+        f"{found.anew(found.seed, ())}"
+    )
+
+
+def _so_far(found: Verification, best: Robustness, scenario: Scenario) -> str:
+    """Return on how many of the plants that it met another tuning holds: where this one fails, and where not.
+
+    Half of the first plants are those that this one fails: one count of both would speak against this one.
+    """
+    name, lost = f"({typed_theta(scenario.space, best.theta.tolist())})", {run.seed for run in found.failed}
+    if len(best.runs) == len(found.runs):
+        return f"{name} holds in {count_kept(best.runs)} of the same {len(found.runs)} runs"
+    fails, holds = ([run for run in best.runs if (run.seed in lost) is one] for one in (True, False))
+    more = f" and in {count_kept(holds)} of {len(holds)} where this one holds" if holds else ""
+    return f"{name} holds, so far, in {count_kept(fails)} of {len(fails)} runs where this one fails{more}"
 
 
 def _name_delay_margin(found: Verification, factor: Factor) -> str:

@@ -557,10 +557,6 @@ def _run(scenario: Scenario, nominal: VerifiedRun, case: _Case, result: HasKPIs)
 # --- Where some run fails: the task as stated, and other tunings on the same plants.
 
 
-class _Stopped(Exception):
-    """Ctrl-C ended runs, of which nothing follows then."""
-
-
 @dataclass(frozen=True)
 class _Trials:
     """Runs on the plants that a tuning met."""
@@ -572,7 +568,11 @@ class _Trials:
     made: dict[tuple[bytes, int, tuple[tuple[str, float], ...]], VerifiedRun] = field(default_factory=dict)
 
     def on(self, tunings: Sequence[Robustness], plants: Sequence[VerifiedRun]) -> list[Robustness]:
-        """Return tunings with their runs on the plants of some runs. Raises _Stopped after Ctrl-C."""
+        """Return tunings with their runs on the plants of some runs.
+
+        Raises:
+            KeyboardInterrupt: If Ctrl-C ended them; those that are done are in `made`.
+        """
         places = [(run.seed, tuple(run.values.items())) for run in plants]
         rows = [[(t.theta.tobytes(), *place) for place in places] for t in tunings]
         new = [(k, *pair) for k, row in enumerate(rows) for pair in zip(row, plants, strict=True)]
@@ -580,10 +580,10 @@ class _Trials:
         cases = [_Case(k, dict(run.values), run.seed) for k, _, run in new]
         at = Variations(self.known.at, [t.theta for t in tunings], cases, noted=True)
         done = self.many(at) if cases else []
-        if len(done) < len(cases):
-            raise _Stopped
-        for (_, key, _), case, result in zip(new, cases, done, strict=True):
+        for (_, key, _), case, result in zip(new, cases, done, strict=False):
             self.made[key] = _run(self.scenario, self.verified.tuning.nominal, case, result)
+        if len(done) < len(cases):
+            raise KeyboardInterrupt
         pairs = zip(tunings, rows, strict=True)
         return [replace(t, runs=tuple(self.made[key] for key in row)) for t, row in pairs]
 
@@ -621,6 +621,22 @@ class _Trials:
         pairs = zip(kinds, sizes, strict=True)
         return sum(size * count_kept(runs) / len(runs) for runs, size in pairs if runs)
 
+    def until_now(self) -> Others:
+        """Return how the other tunings fare as far as they ran: the best is one that met most plants."""
+        own = self.verified.tuning
+        plants = [(run.seed, tuple(run.values.items())) for run in (own.nominal, *own.runs)]
+        others = dict.fromkeys(theta for theta, *_ in self.made if theta != own.theta.tobytes())
+        rows = [(theta, [self.made.get((theta, *place)) for place in plants]) for theta in others]
+        tried = [
+            Robustness(np.frombuffer(theta), nominal, UNKNOWN, tuple(filter(None, runs)), own.time_unit)
+            for theta, (nominal, *runs) in rows
+            if nominal
+        ]
+        able = self.able(tried)
+        met = (t for t in able if t.runs)
+        best = max(met, key=lambda t: (len(t.runs), self.estimate(t)), default=None)
+        return Others(len(tried), len(able), best)
+
     def near(self, theta: Theta, spread: float, generator: np.random.Generator) -> list[Theta]:
         """Return tunings near a physical θ, shape (n,), with a standard deviation in the unit cube."""
         space, (lower, upper) = self.scenario.space, self.scenario.space.corners
@@ -642,8 +658,8 @@ def _look_further(trials: _Trials) -> Verification:
         verified = replace(verified, as_stated=_as_stated(trials) if verified.failed else ())
         if searches:
             verified = replace(verified, others=_try_others(trials))
-    except _Stopped:
-        verified = replace(verified, stopped=searches)
+    except KeyboardInterrupt:
+        verified = replace(verified, stopped=trials.until_now() if searches else None)
     return verified
 
 

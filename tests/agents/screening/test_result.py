@@ -269,6 +269,27 @@ def test_where_nothing_holds_in_all_runs_the_result_holds_in_most():
         found = everything(agent).robustness
         assert 0.4 < agent.best[0] <= 0.6, "the fastest of those that keep most"
         assert (found.kept > 280, found.most) == (True, 0)
+        # What it costs is beside what promises most, a gain near 1, which holds in few.
+        ((name, ours, theirs),) = found.costs
+        assert (name, ours, theirs) == ("time", 2.0 - agent.best[0], 2.0 - found.other[0])
+        assert theirs < ours
+        assert 50 < found.others_kept < 130
+
+
+def test_what_won_by_the_answers_is_named_with_what_the_result_costs_and_overrules():
+    for simulate in (Shares(), Fast()):
+        agent = studied(simulate, start=[[0.95, 0.5]], n_max=3)
+        found = everything(agent).robustness
+        fastest = int(agent.samples[:, 0].argmax())
+        assert found.won.index == fastest != agent.best_index
+        kept = simulate.holds([agent.samples[fastest]], range(1, ENOUGH + 1)).sum()
+        assert found.won.kept == kept < found.kept
+        assert found.won.costs[0] == ("time", 2.0 - agent.best[0], 2.0 - agent.samples[fastest, 0])
+        lost = [v.challenger for v in agent.history.verdicts() if v.loser == agent.best_index]
+        assert [*found.won.overruled] == sorted(lost)
+        assert agent.best_index in lost, "it lost when it was shown"
+    other = everything(studied(Limited(), start=[[0.95, 0.5]], n_max=3)).robustness
+    assert other.won.kept is None, "it misses a limit that the result keeps"
 
 
 def test_a_start_that_keeps_more_runs_than_all_that_is_shown_stays_the_result():

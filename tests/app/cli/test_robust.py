@@ -22,7 +22,7 @@ def test_a_robust_study_says_how_its_result_holds_and_what_that_costs(done, pref
     said = " ".join(out.split())
     kept = "The result holds: all 300 runs with varied plants (not sensors, actuators or task) end safely"
     assert f"{kept} and reach what the nominal run" in said
-    assert "(no limit is stated). They vary time constant of temperature, time" in said
+    assert "(no limit is stated). The varied runs vary time constant of temperature, time" in said
     assert "and the seed of the noise; prefcal verify also varies" in said
     assert "sign of the step. Robustness costs" in said
     assert "Margins of the nominal loop: gain margin [dB]: " in said

@@ -18,10 +18,12 @@ from prefcal_app.report.write import FILE, LOOP, data_uri, refresh, write_report
 from prefcal_app.view.end import NOMINAL, Told
 from prefcal_env.controllers.margins import margin_kpis
 from prefcal_env.disk import digest_of
+from prefcal_env.envs.varied_loop import DIRECTION, TURN
 from prefcal_env.errors import ScenarioError, SettingsError, StaleError
 from prefcal_env.sources.source import plant_of
 from prefcal_scenarios import KPI, load
 from prefcal_scenarios.described.description import join_limits
+from prefcal_scenarios.verification import verify
 from prefcal_scenarios.verification.nominal import margins_at
 from prefcal_scenarios.verification.result import command_of
 from prefcal_scenarios.verification.said import BEST, REPEAT, Verified
@@ -238,6 +240,35 @@ def test_what_an_earlier_verification_of_the_same_tuning_said_stands_beside_one_
     said = once.headline.removesuffix(".").split(". ")[0]
     assert back.earlier == (f"then, --range parameter=0.02 --seed 2: {said}",), "asked again, no other"
     assert verifying._with_earlier(FOUND, None) == FOUND
+
+
+def test_why_a_robust_study_counts_otherwise_than_a_verification_is_said_beside_its_count(best):
+    content = json.loads(best.read_text())
+    for robust, count in ((True, 1), (False, 0)):
+        best.write_text(json.dumps(content | {"study": {"robust": "yes"} if robust else {}}))
+        statement = verify_best(best, 2, jobs=1).statement
+        assert statement.count("The robust study counted other draws, without") == count
+    lag, theta = load("lag"), np.array(list(LAG.values()))
+    found = verify(lag, theta, 40, jobs=1)
+    turned = [run.values[DIRECTION] < 0 or run.values[TURN] < 0 for run in found.failed]
+    assert turned
+    fails = f"what fails here: settling time of temperature (within ±5 %) is infinite in {len(turned)}."
+    assert verifying._tell_apart(found, lag.kpis) == (
+        f" The robust study counted other draws, without sensors, actuators and task; {fails}"
+    )
+    limited = [replace(kpi, at_most=1e9) for kpi in lag.kpis]  # what varies follows from the study's limits
+    assert verifying._tell_apart(found, limited) == (
+        " The robust study counted other draws, without sign of the load and sign of the step; "
+        f"{sum(turned)} of the {len(turned)} runs that fail here have that turned; {fails}"
+    )
+    good = tuple(run for run in found.runs if not run.problems)
+    for runs, said in (
+        (good, " The robust study counted other draws, without sensors, actuators and task."),
+        ((), ""),
+    ):
+        assert (
+            verifying._tell_apart(replace(found, tuning=replace(found.tuning, runs=runs)), lag.kpis) == said
+        )
 
 
 def test_a_result_with_which_its_study_began_stands_once_in_the_command():

@@ -854,14 +854,51 @@ def test_ctrl_c_while_failed_runs_run_again_starts_no_other_ones(count):
     assert failed > 2
     assert np.diff(counts).tolist() == [failed, 100 - failed, 60 + 20][:count], "Ctrl-C ends all that follows"
     assert len(found.as_stated) == [0, 0, 100][count - 1]
-    assert (found.others, found.stopped) == (None, True)
+    assert found.others is None
+    assert found.stopped == Others(int(count == 3), 0, None), "one tuning ran, which cannot do as modeled"
     # A better tuning may be there: no limit is to be relaxed before the search for it has ended.
     advice = Verified.of(found, tracking, "", "1.0", "").advice
-    assert advice[-1].startswith("verify again: the search for a tuning that holds in more runs was stopped")
+    when = (
+        "before any other tuning ran"
+        if count < 3
+        else ("after 1 other tuning, of which 0 can do as modeled what is asked")
+    )
+    assert advice[-1] == (
+        "look longer: the search for a tuning that holds in more runs was stopped from outside (Ctrl-C, "
+        f"kill, or Stop on the page; it has no time limit of its own), {when}. To search to the end, run: "
+        "prefcal verify best.json"
+    )
     assert not any(each.startswith("relax") for each in advice)
     counts.clear()
     alone = verify(replace(tracking, simulated=False), THETA, 100, jobs=1, progress=stop)
     assert not alone.stopped, "of a plant that is not simulated, no other tuning is looked for"
+
+
+def test_a_stopped_search_says_how_far_it_was_what_is_the_best_so_far_and_which_factor_fails_alone():
+    def stop(arrived, total):
+        if arrived == 360:
+            raise KeyboardInterrupt
+
+    spring = replace(SPRING, simulated=True)
+    found = verify(spring, THETA, 100, jobs=1, progress=stop)
+    best, lost = found.stopped.best, {run.seed for run in found.failed}
+    (gain,) = best.theta.tolist()
+    kinds = [[run for run in best.runs if (run.seed in lost) is one] for one in (True, False)]
+    fails, holds = ([gain / run.values["mass"] <= 2.1 for run in runs] for runs in kinds)
+    assert 6 < len(best.runs) < 100, "of the second round, it had met some plants"
+    advice = Verified.of(found, spring, "", "1.0", "").advice
+    assert advice[0] == "mass alone loses a limit: weight 2.22, required ≤ 2.1"
+    assert (
+        f", after {found.stopped.count} other tunings, of which {found.stopped.able} can do as modeled what "
+        f"is asked; the best so far (gain={gain:g}) holds, so far, in {sum(fails)} of {len(fails)} runs "
+        f"where this one fails and in {sum(holds)} of {len(holds)} where this one holds. To search"
+    ) in advice[1]
+    # One that met all plants is counted like the result, and the command asks as the verification did.
+    whole = replace(found.stopped, best=replace(best, runs=found.runs))
+    kept = replace(found, stopped=whole, seed=3)
+    (*_, last) = Verified.of(kept, spring, "", "1.0", "").advice
+    assert f"(gain={gain:g}) holds in {100 - len(lost)} of the same 100 runs. To search" in last
+    assert last.endswith("run: prefcal verify best.json --seed 3")
 
 
 def test_ctrl_c_after_the_last_run_adds_none():
@@ -1073,7 +1110,31 @@ def test_a_tuning_before_that_never_settles_does_not_hold_beside_one_that_does()
     found = verify(replace(SPRING, run=moved, kpis=kpis), THETA, 20, start=THETA / 4, jobs=1)
     said = Verified.of(found, SPRING, "current tuning", "1.0", "").statement
     assert said.startswith("20 of 20 runs end safely and settle")
-    assert said.endswith("Before (current tuning): 0 of 20 of the same plants.")
+    assert said.endswith(
+        "Before (current tuning): 0 of 20 of the same plants; it misses without any variation: settling time "
+        "is infinite."
+    )
+
+
+def test_what_the_tuning_before_misses_without_any_variation_is_said_beside_its_count():
+    M_s = KPI("M_s", "maximum sensitivity M_s", at_most=2.0, margin=True)
+
+    def swings(theta, seed=0, mass=1.0):
+        made = run(theta, seed, mass)
+        return made.with_kpis({**made.kpis, "M_s": float(theta[0])})
+
+    spring = replace(SPRING, run=swings, kpis=(*KPIS, M_s))
+    told = [
+        Verified.of(
+            verify(spring, np.array([1.5]), 20, start=np.array([old]), jobs=1), spring, "SIMC", "", ""
+        )
+        for old in (2.5, 1.6)
+    ]
+    assert told[0].statement.endswith(
+        "Before (SIMC): 0 of 20 of the same plants; it misses without any variation: weight 2.5, required ≤ "
+        "2.1; maximum sensitivity M_s 2.5, required ≤ 2."
+    )
+    assert told[1].statement.endswith("Before (SIMC): 20 of 20 of the same plants.")
 
 
 def test_plants_that_no_input_can_hold_are_counted_apart_and_named():
