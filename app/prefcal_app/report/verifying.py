@@ -73,8 +73,7 @@ def verify_best(
             scenario can vary.
     """
     tuning = _verifiable(best)
-    if tuning.own and timeout is None:
-        timeout = DEFAULT_LIMIT
+    timeout = DEFAULT_LIMIT if tuning.own and timeout is None else timeout
     runs, limits, ranges, seed = _fill_in(best.parent, runs, limits, ranges, seed)
     tuning, own = _add_limits(tuning, limits, timeout), tuning.scenario.kpis
     if tuning.scenario.source.asks:

@@ -177,9 +177,14 @@ class Verification:
         return self.tuning.runs
 
     @property
+    def both(self) -> list[Robustness]:
+        """Return how the tuning fares and, if it is known, the one before."""
+        return [self.tuning] if self.before is None else [self.tuning, self.before]
+
+    @property
     def redrawn(self) -> Redrawn:
         """Return what KPIs are with other draws of the sensor noise."""
-        known = [t for t in (self.tuning, self.before) if t is not None and len(t.draws) == DRAWS]
+        known = [t for t in self.both if len(t.draws) == DRAWS]
         own, drawn = [t.nominal for t in known], [t.draws for t in known]
         if not known or self.noise is None:
             return Redrawn()

@@ -160,8 +160,7 @@ class Verified:
 
         `again` says how to compare another tuning, up to the options that name it.
         """
-        both = [found.tuning, *([found.before] if found.before else [])]
-        margins = margins_said([each.margins for each in both], found.tuning.time_unit)
+        margins = margins_said([each.margins for each in found.both], found.tuning.time_unit)
         return cls(
             headline=found.headline,
             statement=found.statement + _compare_before(found, baseline),
@@ -173,7 +172,7 @@ class Verified:
             runs=len(found.runs),
             planned=found.planned,
             baseline=baseline if found.before else "",
-            kpis=tuple(_kpi_row(kpi, both) for kpi in found.kpis),
+            kpis=tuple(_kpi_row(kpi, found.both) for kpi in found.kpis),
             margins=margins[0],
             basis=margins[1],
             effects=tuple(_effect(each, found) for each in _order_effects(found)),

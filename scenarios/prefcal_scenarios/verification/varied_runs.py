@@ -222,8 +222,7 @@ def verify(
     found, known = _with_kpis(found, thetas[0], noise, timeout), _varied(found)
     varying, fixed = _within(known.factors, ranges or {})
     tunings, factors, unfair = _nominally(found, known, thetas, varying, noise, timeout)
-    sensed = noise_of(found.source)
-    cases = tuple(_cases(factors, len(tunings), runs, seed, noise, sensed))
+    cases = tuple(_cases(factors, len(tunings), runs, seed, noise, sensed := noise_of(found.source)))
     if jobs is None and timeout is None and _seconds(found, thetas[0], clock) * len(cases) <= _QUICK:
         jobs = 1
     limit = timeout if timeout is not None or jobs == 1 else DEFAULT_LIMIT  # a varied plant may never end
@@ -232,17 +231,21 @@ def verify(
     made = [_run(found, tunings[0].nominal, c, each) for c, each in zip(cases, many(at), strict=False)]
     alone, again = runs + 2 * len(factors), runs * len(tunings) + 2 * len(factors)
     tunings, apart = _apart(known, tunings, made[:runs], made[alone:again])
-    drawn = (tuple(made[again + k * DRAWS :][:DRAWS]) for k in range(len(tunings)))
-    tunings = [replace(t, draws=draws) for t, draws in zip(tunings, drawn, strict=True)]
+    tunings = [replace(t, draws=tuple(made[again + k * DRAWS :][:DRAWS])) for k, t in enumerate(tunings)]
     before = next((each for each in tunings[1:] if each.runs), None)
     left_out = (*known.left_out, *fixed, *unfair, *UNMODELED)
     each = tuple(_noted(known, r) if r.problems else r for r in made[runs:alone])
     inputs = known.loop.plant.inputs if known.loop else ()
     verified = Verification(found.name, found.kpis, factors, left_out, runs, tunings[0], before, each)
-    spans = {f.name: f.high - f.low for f in varying}
-    narrower = tuple(f.name for f in known.factors if spans.get(f.name, np.inf) < f.high - f.low)
-    verified = replace(verified, unheld=apart, inputs=inputs, seed=seed, narrower=narrower, noise=sensed)
+    less = _narrower(known.factors, varying)
+    verified = replace(verified, unheld=apart, inputs=inputs, seed=seed, narrower=less, noise=sensed)
     return _look_further(_Trials(found, known, verified, many)) if len(made) == len(cases) else verified
+
+
+def _narrower(known: tuple[Factor, ...], varying: tuple[Factor, ...]) -> tuple[str, ...]:
+    """Return the names of the factors that vary within less than they usually do."""
+    spans = {f.name: f.high - f.low for f in varying}
+    return tuple(f.name for f in known if spans.get(f.name, np.inf) < f.high - f.low)
 
 
 def _apart(
@@ -628,7 +631,9 @@ class _Trials:
         others = dict.fromkeys(theta for theta, *_ in self.made if theta != own.theta.tobytes())
         rows = [(theta, [self.made.get((theta, *place)) for place in plants]) for theta in others]
         tried = [
-            Robustness(np.frombuffer(theta), nominal, UNKNOWN, tuple(filter(None, runs)), own.time_unit)
+            Robustness(
+                np.frombuffer(theta), nominal, UNKNOWN, tuple(filter(None, runs)), time_unit=own.time_unit
+            )
             for theta, (nominal, *runs) in rows
             if nominal
         ]
