@@ -47,12 +47,12 @@ def _kernel(title: str, function: Any, signature: str) -> Kernel:
     return Kernel(title, function, f"({signature},)")
 
 
-def compile_missing(report: Callable[[Compiling], None]) -> None:
-    """Compile the kernels of all loaded modules, unless numba's cache already holds them.
+def compile_missing(report: Callable[[Compiling], None], also: Iterable[Kernel] = ()) -> None:
+    """Compile the kernels of all loaded modules, and others, unless numba's cache already holds them.
 
     `report` is called with each part as its compilation begins; never if nothing is missing.
     """
-    found = tuple(kernels())
+    found = (*kernels(), *also)
     if not found:
         return
     from numba.core import event, sigutils  # takes half a second, so import it only when needed

@@ -92,6 +92,14 @@ def compiled_run(env: Any, controller: Any, seed: int) -> tuple[Record, Bool[np.
     return _record(env, refs, steps, found, lasting)
 
 
+def compiled_plant(env: Any, controller: Any) -> LinearPlant | FunctionPlant | None:
+    """Return the plant, without its loads, whose episodes run compiled; None of any other loop."""
+    if not _are_known(controller) or type(env) is not PlantEnv or not _is_known(env, controller.T_s):
+        return None
+    plant: LinearPlant | FunctionPlant = _parts(env.plant)[0]
+    return plant
+
+
 def _are_known(pids: Any) -> bool:
     """Return whether a controller is made of PIDs of ours: a subclass may do anything in another way."""
     parts = pids, *getattr(pids, "pids", ())

@@ -17,13 +17,16 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.arrays import is_integer
+from prefcal_env.compiling import Compiling, Kernel, compile_missing, of_compiled_runs
+from prefcal_env.envs.closed_loop import compiled_plant
 from prefcal_env.errors import KnobError, RunError, ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import End, Experiment, FrozenMapping, check_returned
 from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.experiments.panels import MEAN, by_maneuver, named
 from prefcal_env.knobs import KnobSpace
+from prefcal_env.plants.systems import LinearPlant
 from prefcal_env.preferences.answer import Outcome, Reading
-from prefcal_env.sources.source import Source
+from prefcal_env.sources.source import Source, env_of
 from prefcal_env.study.fold import decode, encode
 from prefcal_env.workers import Pool, Terms, failure, run_all, usable_cores
 
@@ -413,6 +416,25 @@ def processes_kept() -> Iterator[None]:
     finally:
         _KEPT.reset(token)
         kept.give(None)
+
+
+# --- Compile what runs a scenario, which takes many seconds once on a machine.
+
+
+def compile_runs(scenario: Scenario, report: Callable[[Compiling], None]) -> None:
+    """Compile what runs a scenario, unless numba's cache already holds it; see `compile_missing`."""
+    compile_missing(report, _kernels(scenario))
+
+
+def _kernels(scenario: Scenario) -> list[Kernel]:
+    """Return what runs a closed loop whose controller, in the middle of the ranges, is made of our PIDs."""
+    source, space = scenario.source, scenario.space
+    try:
+        controller = source.controller and source.controller(space.decode(np.mean(space.corners, axis=0)))
+        plant = compiled_plant(env_of(source), controller)
+    except Exception:  # people's own code can raise anything; the run says what
+        return []
+    return [] if plant is None else [*of_compiled_runs(linear=isinstance(plant, LinearPlant))]
 
 
 # --- Run many experiments of one scenario on all cores.

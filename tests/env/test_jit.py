@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from support.processes import start
+
 ROOT = Path(__file__).parents[2]
 KERNELS = """
 from prefcal_env.jit import kernel
@@ -104,8 +106,8 @@ COMPILES = """
 import json, sys
 import numpy as np
 from numba.core import event
-from prefcal_env.compiling import compile_missing
 from prefcal_scenarios import load
+from prefcal_scenarios.runs import compile_runs
 
 class Compiled(event.Listener):
     names = []
@@ -115,7 +117,7 @@ class Compiled(event.Listener):
 scenario = load(sys.argv[1])
 told = []
 if sys.argv[2] == "ahead":
-    compile_missing(told.append)
+    compile_runs(scenario, told.append)
 event.register("numba:compile", Compiled())
 scenario.run(scenario.space.decode(np.full(len(scenario.space), 0.5)))
 print(json.dumps({"told": [t.words for t in told], "later": Compiled.names}))
@@ -169,3 +171,32 @@ def test_a_loop_with_an_mpc_compiles_its_plant_beforehand(cache):
     first = compiled_in("mpc-oscillatory", cache)
     assert first["later"] == []
     assert "(correction of the estimator)" in first["told"][-1]
+
+
+@pytest.mark.parametrize("scenario", ["docs/dc_motor.py:motor", 'pid {"plant": "docs/dc_motor.py:plant"}'])
+def test_a_loop_of_our_pids_is_compiled_beforehand_whoever_made_it(tmp_path, scenario):
+    first = compiled_in(scenario, tmp_path)
+    assert first["later"] == []
+    assert "part 1 of 1 (closed loop)" in first["told"][0]
+
+
+def test_a_controller_of_ones_own_compiles_no_loop(cache):
+    assert compiled_in("docs/heated_tank.py:heated_tank", cache)["told"] == []
+
+
+@pytest.mark.parametrize("command", ["check", "verify"])
+def test_a_command_says_once_in_a_log_that_it_compiles(tmp_path, command):
+    """Otherwise nothing is said for many seconds where no study ran before."""
+    theta = {"K": 2.0, "T_i": 20.0, "T_d": 3.0, "T_f": 3.0, "b": 0.5, "T_t": 20.0}
+    content = {"format": 1, "scenario": "lag", "theta": theta, "settings": {}}
+    (tmp_path / "best.json").write_text(json.dumps(content))
+    words = {"check": ["check", "lag"], "verify": ["verify", "best.json", "--runs", "2", "--jobs", "1"]}[
+        command
+    ]
+    told = "Compiling the solver, part 1 of 1 (closed loop): only this once on this machine"
+    for expected in ([told], []):
+        process = start(tmp_path, *words, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+        out, err = process.communicate(timeout=200)
+        assert process.returncode == 0, err
+        assert [line for line in err.splitlines() if "Compiling" in line] == expected
+        assert "Compiling" not in out

@@ -17,7 +17,7 @@ from rich.text import Text
 from typer import echo
 
 from prefcal_app.report.export import STATE_SETTINGS, jsonable
-from prefcal_app.terminal.showing import say
+from prefcal_app.terminal.showing import compile_aloud, say
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Channels, End, Experiment, check_returned
 from prefcal_env.experiments.kpis import every_tracking_kpi
@@ -57,7 +57,6 @@ from .studies.files import as_text, completed
 # --- Check a scenario with one trial run: everything about it that a study relies on.
 
 _SIGNS = {True: ("✓", "green"), False: ("✗", "bold red"), None: ("·", "dim")}
-_FIRST = " (the very first run on a machine compiles for half a minute)"
 _PATIENCE = 30.0  # seconds that runs of one knob at a time may take
 _NAMED = 3  # number of KPIs that are named of a reference, the most important ones
 _DRAWS = 2000  # number of random θ to try if the constraints exclude the middle of the box
@@ -108,7 +107,7 @@ class Checkup:
         ):
             if self.experiment is None and what not in ("knobs", "run"):
                 return
-            tell(f"{words} …{_FIRST if what == 'run' else ''}")
+            tell(f"{words} …")
             try:
                 self.findings += step()
             except KeyboardInterrupt:
@@ -307,7 +306,9 @@ def run(typed: Mapping[str, Any]) -> int:
         theta = start_of(options.theta or "", scenario) if middle is None else middle
         checkup = Checkup(scenario, theta, in_python=is_own(source) and not is_described(source))
         picture = picture_at(options.out or f"check-{scenario.name}.png")
-        with Console(stderr=True, emoji=False).status("") as status:
+        messages = Console(stderr=True, emoji=False)
+        compile_aloud(scenario, messages)
+        with messages.status("") as status:
             checkup.check(status.update)
             status.update("drawing …")
             drawn = _draw(checkup, picture)

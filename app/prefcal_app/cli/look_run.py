@@ -18,13 +18,13 @@ from prefcal_app.looking.look import run_from
 from prefcal_app.looking.pair import NamedRun
 from prefcal_app.report.export import export_controller, holds
 from prefcal_app.report.verifying import judge, picture, verify_best, written_beside
-from prefcal_app.terminal.showing import Tenths, ask_line, say, show_kpis
+from prefcal_app.terminal.showing import Tenths, ask_line, compile_aloud, say, show_kpis
 from prefcal_env.errors import SettingsError
 from prefcal_env.study import study_path
 from prefcal_env.tables import TableColumns
 from prefcal_scenarios.described.description import listed
 from prefcal_scenarios.runs import Progress
-from prefcal_scenarios.scenario import KPI
+from prefcal_scenarios.scenario import KPI, Scenario
 from prefcal_scenarios.verification.said import BEST, FILE, NOT_VARIED, VARIED, Verified
 from prefcal_scenarios.wording import printable, put, sentence
 
@@ -205,6 +205,11 @@ def _bars() -> Iterator[Progress]:
 def verify(options: VerifyOptions) -> int:
     """Verify the tuning; return the exit code."""
     best, console = _best(options.best), Console(emoji=False)
+
+    def prepare(scenario: Scenario) -> None:
+        compile_aloud(scenario, Console(stderr=True, emoji=False))
+        ctrl_c.check()  # a press while something is compiled is swallowed there
+
     # `kill` is Ctrl-C here: what was run until then counts. Processes are fresh, so none inherits it.
     with _bars() as progress, interruption(others=True) as ctrl_c, ctrl_c.allowed():
         said = verify_best(
@@ -215,6 +220,7 @@ def verify(options: VerifyOptions) -> int:
             jobs=options.jobs,
             timeout=options.run_timeout,
             progress=progress,
+            prepare=prepare,
             seed=options.seed,
         )
     show(said, console)

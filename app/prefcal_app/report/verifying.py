@@ -23,7 +23,7 @@ from prefcal_scenarios.described.steps import marks_of
 from prefcal_scenarios.isolated import DEFAULT_LIMIT
 from prefcal_scenarios.names import is_described
 from prefcal_scenarios.runs import Progress, processes_kept
-from prefcal_scenarios.scenario import KPI, finds_kpis, with_found_kpis
+from prefcal_scenarios.scenario import KPI, Scenario, finds_kpis, with_found_kpis
 from prefcal_scenarios.style import png
 from prefcal_scenarios.verification import Verification, verify
 from prefcal_scenarios.verification.result import VerifiedRun, breakable, command_of
@@ -50,6 +50,7 @@ def verify_best(
     timeout: float | None = None,
     seed: int | None = None,
     progress: Progress | bool = False,
+    prepare: Callable[[Scenario], None] = lambda scenario: None,
     clock: Callable[[tzinfo], datetime] = datetime.now,
 ) -> Verified:
     """Return what came of varying the plant of a best.json, written durably beside it.
@@ -66,13 +67,14 @@ def verify_best(
         timeout: Time limit of each run in seconds; None for that of a study, an hour.
         seed: Seed of the variations, as for `verify`.
         progress: As for `simulate_many`.
+        prepare: Called with the scenario before its first run, such as to compile what runs it.
         clock: Function of a time zone that returns the time, for the date of the verdict.
 
     Raises:
         PrefcalError: If the file or a range does not fit, the folder cannot be written, or nothing of the
             scenario can vary.
     """
-    tuning = _verifiable(best)
+    prepare((tuning := _verifiable(best)).scenario)
     timeout = DEFAULT_LIMIT if tuning.own and timeout is None else timeout
     runs, limits, ranges, seed = _fill_in(best.parent, runs, limits, ranges, seed)
     tuning, own = _add_limits(tuning, limits, timeout), tuning.scenario.kpis

@@ -28,13 +28,14 @@ from prefcal_app.summary import (
     others_unbeaten,
     outlook,
 )
-from prefcal_env.compiling import Compiling, compile_missing
+from prefcal_env.compiling import Compiling
 from prefcal_env.errors import LiveError, SettingsError, StudyError
 from prefcal_env.experiments.experiment import End, Experiment, limiting_input
 from prefcal_env.preferences.answer import Comparison as Compared
 from prefcal_env.preferences.history import Comparison
 from prefcal_env.study import StudyFile
 from prefcal_env.wording import in_words
+from prefcal_scenarios.runs import compile_runs
 from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
 
 from . import runs
@@ -546,7 +547,7 @@ class Interview:
                 report(part)
 
         try:
-            compile_missing(tell)
+            compile_runs(self.scenario, tell)
         finally:
             if self._preparing is not None:
                 tell(None)

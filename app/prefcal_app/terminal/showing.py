@@ -17,10 +17,12 @@ from rich.text import Text
 
 from prefcal_app.session import Interview, Now
 from prefcal_app.view.question import scenario_view
+from prefcal_env.compiling import Compiling
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.described.description import COMMA
+from prefcal_scenarios.runs import compile_runs
 from prefcal_scenarios.scenario import Scenario
 from prefcal_scenarios.wording import INTERRUPTED, counted, labeled, printable, printable_lines, with_unit
 
@@ -147,6 +149,25 @@ def say(console: Console, *lines: str, style: str | None = None) -> None:
     """Print lines as they are, whatever is in them; long ones are not broken."""
     for line in lines:
         console.print(printable_lines(line), style=style, markup=False, highlight=False, soft_wrap=True)
+
+
+def compile_aloud(scenario: Scenario, console: Console) -> None:
+    """Compile what runs a scenario, and say so: each part in a line that goes, or in a log the first one."""
+    status, told = console.status(""), False
+
+    def tell(part: Compiling) -> None:
+        nonlocal told
+        status.update(part.words)
+        if console.is_terminal:
+            status.start()
+        elif not told:
+            say(console, part.words)
+        told = True
+
+    try:
+        compile_runs(scenario, tell)
+    finally:
+        status.stop()
 
 
 def show_scenario(scenario: Scenario) -> None:

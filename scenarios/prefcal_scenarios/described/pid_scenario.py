@@ -3,19 +3,16 @@
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.compiling import compile_ahead, of_compiled_runs
 from prefcal_env.controllers.margins import minimal, peak_of_sampled, sampled
 from prefcal_env.controllers.pid import PID, Decentralized, LinearPIDs, Tuning, migo, simc, ziegler_nichols
 from prefcal_env.errors import ScenarioError
 from prefcal_env.knobs import Knob
-from prefcal_env.plants.function_plant import FunctionPlant
 from prefcal_env.plants.plant import Plant
-from prefcal_env.plants.systems import LinearPlant, LinearSystem
+from prefcal_env.plants.systems import LinearSystem
 from prefcal_env.units import conversion, plain
 from prefcal_scenarios.scenario import Scenario
 
@@ -83,8 +80,6 @@ def pid_scenario(
         name: theta_of(space, np.ravel([(t.K_p, t.T_i, t.T_d, t.b) for t in each]) / factors)
         for name, each in tunings.items()
     }
-    if isinstance(plant, LinearPlant | FunctionPlant):
-        compile_ahead(__name__, partial(of_compiled_runs, linear=isinstance(plant, LinearPlant)))
     return scenario_of_steps(
         plant,
         found,
