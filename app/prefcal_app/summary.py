@@ -338,11 +338,12 @@ class Outlook:
     unbeaten: str = ""  # sentence on other experiments that never lost; empty if there are none
     missed: str = ""  # sentence on the objectives that the best experiment misses; empty if it meets all
     result: tuple[str, ...] = ()  # sentences on what was wanted, and on which answer the result rests
+    more: str = ""  # sentence with the command that asks more questions; empty if that promises little
 
     @property
     def sentences(self) -> tuple[str, ...]:
         """Return all sentences, without the command."""
-        parts = (self.missed, self.unbeaten, *self.result, self.promise, self.ends)
+        parts = (self.missed, self.unbeaten, *self.result, self.promise, self.more, self.ends)
         return tuple(part for part in parts if part)
 
     @property

@@ -1,6 +1,5 @@
 """Run `prefcal calibrate`: an open study with all that works on it, until it ends or is stopped."""
 
-import shlex
 import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -38,9 +37,9 @@ from prefcal_env.errors import RecordError, RunError, SettingsError, SimulationE
 from prefcal_env.study import State, StudyFile, study_path
 from prefcal_env.study.beside import SIMULATED, beside_study
 from prefcal_scenarios.catalog import load
-from prefcal_scenarios.described.description import listed, words_to_resume
+from prefcal_scenarios.described.description import listed
 from prefcal_scenarios.isolated import isolation
-from prefcal_scenarios.names import TABLES, is_own, is_table
+from prefcal_scenarios.names import TABLES, is_table
 from prefcal_scenarios.own import joined_source
 from prefcal_scenarios.scenario import Scenario
 from prefcal_scenarios.wording import printable, theta_text
@@ -166,13 +165,7 @@ class Calibration:
     @property
     def again(self) -> str:
         """Return the command that resumes the study."""
-        options = self.options
-        words = ["prefcal", "choose" if is_table(options.scenario) else "calibrate"]
-        words += [*words_to_resume(options.scenario), "--study", options.study or ""]
-        words += [] if options.cost is None else ["--cost", options.cost]
-        if options.twin is not None and is_own(options.twin):
-            words += ["--twin", options.twin]
-        return shlex.join(words)
+        return self.options.again()
 
     @property
     def remarks(self) -> tuple[str, ...]:

@@ -259,6 +259,17 @@ class Options(Described):
         n_init, n_max = min(self.n_init, given), given + _SEARCHED * robust
         return replace(self, start=start, taste=taste, n_init=n_init, n_max=n_max, robust=robust).command()
 
+    def again(self) -> str:
+        """Return a command line that resumes the study, which is kept."""
+        from prefcal_scenarios.described.description import words_to_resume
+        from prefcal_scenarios.names import is_own, is_table
+
+        words = ["prefcal", "choose" if is_table(self.scenario) else "calibrate"]
+        words += [*words_to_resume(self.scenario), "--study", self.study or ""]
+        words += [] if self.cost is None else ["--cost", self.cost]
+        words += ["--twin", self.twin] if self.twin is not None and is_own(self.twin) else []
+        return shlex.join(words)
+
     def command(self) -> str:
         """Return a command line that repeats the study, without its folder."""
         from prefcal_scenarios.described.description import words_of

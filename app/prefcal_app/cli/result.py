@@ -2,6 +2,7 @@
 
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from prefcal_app.report.record import StudyRecord, gain_of, result_table
 from prefcal_app.session import Interview
 from prefcal_app.session.study import trust_text
 from prefcal_app.simulating import robust_study
-from prefcal_app.summary import kept_on_plant, kept_text, list_shown
+from prefcal_app.summary import Outlook, kept_on_plant, kept_text, list_shown
 from prefcal_app.terminal.showing import say
 from prefcal_app.view.end import baseline_of, runs_held, tell_margins
 from prefcal_env.experiments.experiment import Experiment
@@ -61,7 +62,7 @@ def record_of(interview: Interview, options: Options, references: Mapping[str, E
         surrogate=interview.known.surrogate,
         trust="" if (index := interview.known.index) is None else trust_text(index),
         ended=state.ended or "",
-        outlook=interview.known.outlook,
+        outlook=_outlook(interview, options),
         judged=follows_cost(options, interview.scenario),
         study=options.study or "",
         dates=tuple(dict.fromkeys((times[0], times[-1]))),
@@ -73,6 +74,20 @@ def record_of(interview: Interview, options: Options, references: Mapping[str, E
         runs_held=runs_held(interview.known.findings),
         digest=interview.file.digest if options.by_a_person and interview.file.path != IN_MEMORY else "",
     )
+
+
+_MORE = 5  # questions that are offered at the end, where something better may be left
+
+
+def _outlook(interview: Interview, options: Options) -> Outlook | None:
+    """Return the outlook of a study with the command that asks a person more, if that promises something."""
+    known, found = interview.known, interview.known.outlook
+    kept = options.by_a_person and interview.file.path != IN_MEMORY
+    listed = interview.scenario.source.candidates is not None  # all of these may have been shown
+    if found is None or not (kept and interview.now().state.ended and known.worth_going_on) or listed:
+        return found
+    command = f"{options.again()} --n-max {known.n_max + _MORE}"
+    return replace(found, more=f"To look for it with {_MORE} more questions, run: {command}")
 
 
 def _robust(interview: Interview) -> tuple[str, ...]:

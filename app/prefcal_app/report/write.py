@@ -156,13 +156,14 @@ def answers(record: StudyRecord) -> Answers:
     digest = f" SHA-256 of the study file: {record.digest}." if record.digest else ""
     said = record.outlook
     promise, unbeaten, told = ("", "", ()) if said is None else (said.promise, said.unbeaten, said.result)
+    more = [] if said is None else [said.ends, said.command, said.more]
     only = "only where candidates are simulated, at the end of a study"
     found = {
         "Who answered": f"{counted(len(record.trials), 'experiment')}, "
         f"{counted(record.questions, 'comparison')} by {by}{each}{partial}.{digest}",
         "On which model": model(record),
         "Experiment": " ".join(filter(None, (_shorten_brief(record.scenario.brief), _say_noise(record)))),
-        "Left to gain": " ".join(filter(None, (promise, record.trust, said.ends if said else "")))
+        "Left to gain": " ".join(filter(None, (promise, record.trust, *more)))
         if promise
         else f"Not stated: {'the study was left before its end' if record.partial else only}.",
         "Why this one": " ".join(

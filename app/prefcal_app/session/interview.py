@@ -13,7 +13,17 @@ from prefcal_agents.glisp.agent import Foresight
 from prefcal_agents.learned_cost import LearnedCost
 from prefcal_agents.screening.agent import Screening
 from prefcal_agents.screening.findings import Findings
-from prefcal_app.simulating import Screened, SimulationCounts, Simulator, named_twin, promise, simulates, told
+from prefcal_app.simulating import (
+    UNLIKELY,
+    Screened,
+    SimulationCounts,
+    Simulator,
+    chance_left,
+    named_twin,
+    promise,
+    simulates,
+    told,
+)
 from prefcal_app.summary import (
     NONE_SAFE,
     Consistency,
@@ -117,6 +127,15 @@ class Known:
             return (promise(found) or None) if found is not None else None
         closed = self._driver.state.history.comparisons
         return self.promise if sum(c.verdict is not None for c in closed) >= _LEAST else None
+
+    @property
+    def worth_going_on(self) -> bool:
+        """Return whether it is said that something better may be left, which no offer to stop follows."""
+        if not self._promise:
+            return False
+        found, learned = self.findings, None if self.screens else self.foresight()
+        chance = learned.chance if learned else chance_left(found) if found else None
+        return chance is not None and chance >= UNLIKELY
 
     @property
     def promise(self) -> str:

@@ -14,9 +14,11 @@ from .simulator import named_twin as named_twin
 from .simulator import past_of as past_of
 from .simulator import simulates as simulates
 from .simulator import twin_of as twin_of
+from .why import UNLIKELY as UNLIKELY
 from .why import as_shown as as_shown
 from .why import at_stake as at_stake
 from .why import carried_by as carried_by
+from .why import chance_left as chance_left
 from .why import menu_names as menu_names
 from .why import name_wishes as name_wishes
 from .why import named_titles as named_titles

@@ -499,7 +499,7 @@ def told(
 # --- Say what the simulated θ still promise, and when to offer to stop.
 
 _EARLY = "The answers are too few to say how many of θ drawn at random are."
-_UNLIKELY, _KNOWN = 0.1, 0.5
+UNLIKELY, _KNOWN = 0.1, 0.5
 """Chance below which stopping is offered, and that above which something better is known."""
 
 
@@ -541,10 +541,16 @@ def _few_left(found: Findings) -> str:
 
 def offer(found: Findings) -> str:
     """Return the offer to stop; empty if there is a reason to continue."""
+    chance = chance_left(found)
+    return f"{promise(found)} Stop here, or go on?" if chance is not None and chance < UNLIKELY else ""
+
+
+def chance_left(found: Findings) -> float | None:
+    """Return the chance that something better is left, as `promise` says it; None while that is not said."""
+    if found.chance_of_better is None:
+        return None
     # The certificate's chance holds for people unlike the draws, too.
-    chance = found.chance_of_better if found.certificate is None else found.certificate.chance
-    unlikely = chance is not None and chance < _UNLIKELY and found.chance_of_better is not None
-    return f"{promise(found)} Stop here, or go on?" if unlikely else ""
+    return found.chance_of_better if found.certificate is None else found.certificate.chance
 
 
 def _as_good_as(said: Certificate) -> str:

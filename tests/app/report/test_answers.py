@@ -70,6 +70,13 @@ def test_who_answered_what_and_why_the_result_is_the_result():
     assert found["Why this one"] == f"{won} The answers fit these wishes: calmness."
     assert dict(answers(replace(record, outlook=Outlook(unbeaten=won))))["Why this one"] == won
     assert found["Left to gain"] == "Fewer than 4 % are better. A sum predicted 4 of 6 answers."
+    more = replace(
+        robust,
+        outlook=replace(told, more="Run: prefcal calibrate x", ends="Widen it with:", command="respace"),
+    )
+    assert dict(answers(more))["Left to gain"].endswith(
+        " of 6 answers. Widen it with: respace Run: prefcal calibrate x"
+    )
     assert f"The study was robust. {holds[0]} They vary the gain." in page(robust, [])
     left = dict(answers(toy_record(stop_after=4)))
     assert left["Left to gain"] == "Not stated: the study was left before its end."

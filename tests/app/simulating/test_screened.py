@@ -11,7 +11,7 @@ from prefcal_agents.screening.agent import Certificate, Screening
 from prefcal_agents.screening.findings import Findings, Reason, RobustResult, Winner
 from prefcal_app.session import Choice, Phase, actions
 from prefcal_app.session.study import ENOUGH, why_over
-from prefcal_app.simulating import offer, promise, told
+from prefcal_app.simulating import chance_left, offer, promise, told
 from prefcal_app.simulating.why import percent, robust, robust_study, why
 from prefcal_app.summary import NONE_SAFE
 from prefcal_app.view.end import reasons, screening_view, smaller_view
@@ -224,6 +224,11 @@ def test_from_the_second_answer_on_it_states_what_holds_for_people_unlike_the_dr
     assert early.endswith("so far is 30 %. The answers are too few to say how many of θ drawn at random are.")
     assert offer(certified(CERTIFIED)) == "", "not the draws' own chance decides"
     assert offer(certified(replace(CERTIFIED, chance=0.05), 0.5)).endswith("Stop here, or go on?")
+    # The chance that is said decides whether the end offers more questions, too; what is not said does not.
+    assert chance_left(certified(CERTIFIED)) == CERTIFIED.chance
+    assert chance_left(certified(None)) == 0.08
+    assert chance_left(certified(Certificate(None, 0.95, None, ()))) is None
+    assert chance_left(certified(CERTIFIED, chance=None)) is None
 
 
 @pytest.mark.parametrize(
