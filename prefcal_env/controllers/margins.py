@@ -365,13 +365,15 @@ class _Start:
         """Yield the deviations of the plant's inputs, (n_u,); an impulse comes after `settle`, or lasts."""
         n, z, du, T_s = len(self.x), np.zeros(len(model.A)), np.zeros(len(self.u)), model.dt
         for k in range(settle + _LOOKS[-1]):
-            seen = model.C @ z
+            with np.errstate(over="ignore", invalid="ignore"):  # an unstable loop grows without limit
+                seen = model.C @ z
             x, y = self.x + seen[:n], self.y + seen[n:]
             move = controller.move(Measurement(k * T_s, x, self.u + du, self.d, self.y_ref, y))
             du = (move.u if move.solved else self.u + du) - self.u
             acting = du + impulse if k == settle or (lasting and k > settle) else du
             yield acting
-            z = model.A @ z + model.B @ acting
+            with np.errstate(over="ignore", invalid="ignore"):
+                z = model.A @ z + model.B @ acting
 
 
 def _swings(rows: Sequence[Float[np.ndarray, " n_u"]], size: float) -> bool:

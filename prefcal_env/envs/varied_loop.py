@@ -95,6 +95,8 @@ def at_rest(plant: Plant, x: X, u: U, d: Float[np.ndarray, " n_d"]) -> bool:
 # --- What varies of a plant: its parameters, dead time and the ranges of its inputs.
 
 SPEED, DELAY = "all time constants", "dead time"
+INSIDE = "numbers inside the equations, one by one"
+"""What does not vary of a plant that is code."""
 MODELED, STATED = "times the modeled", "times the stated"  # units of what is multiplied by its factor
 AT_ZERO = 1e-3  # magnitude below which a discrete pole is one at 0
 _NOT_PARAMETERS = ("max_step", "dead_time")
@@ -139,6 +141,12 @@ def sample_of(plant: Plant) -> Ensemble | None:
     """Return the plants of which an identified plant is one; None if it was not identified."""
     own = plant.plant if isinstance(plant, Disturbed) else plant
     return getattr(own, "sample", None)
+
+
+def has_own_numbers(plant: Plant) -> bool:
+    """Return whether a plant is made of equations with numbers that nobody else can see."""
+    own = plant.plant if isinstance(plant, Disturbed) else plant
+    return not isinstance(own, LinearPlant) and _matrices(own) is None and not any(_numbers(own))
 
 
 def _describe_sample(sample: Ensemble) -> str:
@@ -461,6 +469,9 @@ class VariedLoop:
             (LAG, "the record has that of the actuator in it"): sample_of(self.plant) is None,
             (LOAD, "none acts: no disturbance of the task changes"): self._loaded,
             (JITTER, "a period has one length here"): self.jitters,
+            (INSIDE, "prefcal cannot see them: of a plant that is a dataclass each number varies"): not (
+                has_own_numbers(self.plant)
+            ),
         }
         loads = ((name, why) for name, size in _LOADS if (why := self._beyond_load(size)))
         rows = (row for row, there in missing.items() if not there)
@@ -540,13 +551,19 @@ class VariedLoop:
         )
 
     @property
+    def _entering(self) -> tuple[float, ...]:
+        """Return the dead times of the inputs, which loads on them do not have."""
+        return tuple(np.ravel(getattr(self.plant, "input_delay", ())))
+
+    @property
     def _acting(self) -> str:
         """Return in words which loads act, how large each is at most, and from when on."""
         times, said = _times(self.task.d, self.task), list[str]()
         for c, load in zip(self.plant.disturbances, self._loads.T, strict=True):
             if load.any():
                 name, size = c.name.removeprefix(ADDED), _in(load[np.abs(load).argmax()], c)
-                what = f"load of {size} on {name}" if name != c.name else f"{name} by {size}"
+                behind = ", which its dead time does not delay," if any(self._entering) else ""
+                what = f"load of {size} on {name}{behind}" if name != c.name else f"{name} by {size}"
                 said.append(f"{what} {self._since(times[int(load.nonzero()[0][0])], self.task.d)}")
         return ", ".join(said)
 

@@ -295,7 +295,7 @@ def _next(found: Verification, scenario: Scenario, baseline: str, again: str) ->
     """Return what to do next if some run fails, or the loop is not stable, a text each."""
     widen = tuple(_widened(found))
     other = _other(found, scenario, baseline, again)
-    before = _before(found, scenario, baseline, alone=not other)
+    before = _before(found, scenario, baseline, again, alone=not other)
     if found.tuning.margins == UNSTABLE:
         free = any(kpi.name == "M_s" and kpi.met(0.0) is None for kpi in found.kpis)  # of others, none can be
         first = "state a limit on M_s, such as at most 2," if free else "begin elsewhere (--start)"
@@ -325,7 +325,7 @@ def _keep_margins(found: Verification, again: str, other: str) -> str:
     return f"look for a tuning that keeps {limits}: search on from this one, {again}"
 
 
-def _before(found: Verification, scenario: Scenario, baseline: str, *, alone: bool) -> str:
+def _before(found: Verification, scenario: Scenario, baseline: str, again: str, *, alone: bool) -> str:
     """Return that the tuning before is to be kept: it holds in all runs, or in more, beyond chance; or "".
 
     If it is not `alone` in that, another one that holds in more is advised in its place.
@@ -343,9 +343,9 @@ def _before(found: Verification, scenario: Scenario, baseline: str, *, alone: bo
     if not alone or not _better(found, found.before):
         return ""
     old, new = (count_kept(each[: len(runs)]) for each in (runs, found.runs))
-    # The study began there: to begin there once more would end as it did.
     more = f"{old - new} more of the same {len(runs)} runs ({old} instead of {new})"
-    return f"{name} holds in {more}: {'keep' if used else 'take'} it"
+    neither = "neither holds in all; to look for one that does, search on from this one"
+    return f"{name} holds in {more}: {'keep' if used else 'take'} it, though {neither}, {again}"
 
 
 def _name_before(baseline: str) -> str:
