@@ -616,21 +616,21 @@ def _written(interview: Interview, best: Path | None) -> dict[str, Any]:
         {"command": shlex.join(["prefcal", "export", str(best), "--to", word]), "what": LANGUAGES[word]}
         for word in languages_of(settings)
     ]
-    margins = tell_margins(_texts_in(best.parent / MARGINS))
-    return {"forms": pid_table(rows, str(before.get("what", ""))), "export": commands, "margins": margins}
+    forms = pid_table(rows, str(before.get("what", "")))
+    return {"forms": forms, "export": commands, "margins": margins_beside(best)}
 
 
 MARGINS = "margins.json"
 """Name of the file of the margins in words, a list, in the folder of a report."""
 
 
-def _texts_in(path: Path) -> list[str]:
-    """Return the texts in a JSON file; none if there is no list in it."""
+def margins_beside(best: Path) -> str:
+    """Return the margins beside a best.json, as a sentence; "" if there is no list of them."""
     try:
-        content = json.loads(path.read_text("utf-8"))
+        content = json.loads((best.parent / MARGINS).read_text("utf-8"))
     except (OSError, ValueError, RecursionError):
-        return []
-    return [*map(str, content)] if isinstance(content, list) else []
+        return ""
+    return tell_margins([*map(str, content)]) if isinstance(content, list) else ""
 
 
 def tell_margins(words: Sequence[str]) -> str:
