@@ -103,7 +103,7 @@ def _reachable(
 Response = Callable[[Float[np.ndarray, " m"]], Complex[np.ndarray, "m n n"]]
 """Function of angular frequencies that returns the sensitivity (1 + L)^-1 at the plant's input."""
 
-UNCONSTRAINED = "the sampled loop with the unconstrained law, linearized at the operating point"
+UNCONSTRAINED = "the sampled loop while no limit acts, linearized at the operating point"
 """What margins hold for."""
 _SMALL = 1e-4  # size of the impulse, as a share of the input's range: far from limits, and above rounding
 _LOOKS = tuple(64 * 2**k for k in range(9))
@@ -169,7 +169,7 @@ def margins(plant: Plant, task: Task, make: Callable[[], Controller], *, settle:
     The controller runs as it is, on the plant linearized where the task starts, with its dead time.
     An impulse at the plant's input, too small to reach a limit, shows the sensitivity there; its
     mean over both signs is exact to the second order. So this holds for any law, with its sampling,
-    filters and estimator. Of an MPC it is the unconstrained law at this point.
+    filters and estimator. Of an MPC it is its law while no limit acts at this point.
 
     The delay margin takes the delay as a loss of phase ω τ, as for a continuous signal.
 

@@ -166,6 +166,12 @@ def _comment(*lines: str) -> str:
         "−": "-",
         "≤": "<=",
         "≥": ">=",
+        "±": "+/-",
+        "→": "->",
+        "–": "-",
+        "×": "x",
+        "θ": "theta",
+        "√": "sqrt",
     }.items():
         text = text.replace(sign, ascii_)
     plain = [c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c)]

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_app.summary import keeps_all
+from prefcal_app.view.end import margins_beside
 from prefcal_env.arrays import is_number
 from prefcal_env.controllers import as_data
 from prefcal_env.controllers.forms import ANTI_WINDUP, EQUATIONS, FILTERED, PIDParameter, pid_forms
@@ -282,18 +283,15 @@ def verified_beside(best: Path) -> Verified | str:
 
 
 def holds(best: Path) -> str:
-    """Return whether a tuning holds, by the verification beside its best.json, and what is assumed."""
-    said, assumed = verified_beside(best), "".join(f" {each}" for each in _read(best)[0].get("assumed", []))
-    if isinstance(said, str):
-        return f"{NOT_VERIFIED} {said}.".removesuffix(" .") + assumed
-    first, *more = said.headline.removesuffix(".").split(". ")
-    changed = f". {more[0]}" if ":" not in first and more else ""  # first, that the files are others now
-    return f"{first}{changed}.{said.verdict.removeprefix(said.headline)}{assumed}"
+    """Return whether a tuning holds, by what is beside its best.json, its margins, and what is assumed."""
+    said = verified_beside(best)
+    held = f"{NOT_VERIFIED} {said}.".removesuffix(" .") if isinstance(said, str) else said.verdict
+    return " ".join(filter(None, (held, margins_beside(best), *map(str, _read(best)[0].get("assumed", [])))))
 
 
 def _about(content: Mapping[str, Any], channels: Channels, digest: str, held: str) -> str:
     """Return where a controller is from, whether it holds, and what signals that are no readings are."""
-    study = (content.get("origin") or {}).get("study")
+    study, held = (content.get("origin") or {}).get("study"), re.sub(r"(?<=\.) (?=[A-Z])", "\n", held)
     where = f"study {study}, " if study else ""
     about = (
         f"{content.get('title', '')}: tuned with prefcal {versions()['prefcal']}, {where}"

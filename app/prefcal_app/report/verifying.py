@@ -21,7 +21,7 @@ from prefcal_scenarios.described.description import join_limits
 from prefcal_scenarios.described.making import limited
 from prefcal_scenarios.described.steps import marks_of
 from prefcal_scenarios.isolated import DEFAULT_LIMIT
-from prefcal_scenarios.names import is_described
+from prefcal_scenarios.names import is_built_in, is_described
 from prefcal_scenarios.runs import Progress, processes_kept
 from prefcal_scenarios.scenario import KPI, Scenario, finds_kpis, with_found_kpis
 from prefcal_scenarios.style import png
@@ -196,14 +196,21 @@ def _put_in_words(
     again = _begin_another(tuning, best, limits)
     said = Verified.of(found, tuning.scenario, baseline, version, tuning.digest, again)
     if limits and not is_described(tuning.source):
-        margins = "; ".join(map(_as_code, (k for k in found.kpis if k.margin and limits_text(k))))
-        how = f" (a margin as {margins})" if margins else ""
-        first = f"; first state {'; '.join(limits)} in the KPIs of your file{how}"
+        first = _how_to_state(tuning.source, limits, found.kpis)
         said = replace(said, advice=tuple(f"{a}{first}" if again in a else a for a in said.advice))
     changed = "Of the plant as its files are now, not as in the study. " if tuning.changed else ""
     return replace(
         said, headline=f"{changed}{said.headline}", worst=_copy_verdicts(said.worst, best.parent), at=at
     )
+
+
+def _how_to_state(source: str, limits: Sequence[str], kpis: Sequence[KPI]) -> str:
+    """Return how a study of a scenario that takes no limits gets those of a verification, after a command."""
+    if is_built_in(source):  # there is no file to state them in
+        return f"; {source} takes no limits of yours: verify the result of that by the same ones"
+    margins = "; ".join(map(_as_code, (k for k in kpis if k.margin and limits_text(k))))
+    how = f" (a margin as {margins})" if margins else ""
+    return f"; first state {'; '.join(limits)} in the KPIs of your file{how}"
 
 
 def _as_code(kpi: KPI) -> str:

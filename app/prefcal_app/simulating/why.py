@@ -264,7 +264,7 @@ def _held(
         if kept >= ENOUGH:
             first = f"does not hold: it misses {join_words(missed)} already nominally. It " if missed else ""
             return f"{which} {first}keeps {those} in all {ENOUGH} {runs}."
-        keeps = f"it keeps {those} in {kept} of {ENOUGH} {runs}"
+        keeps = f"keep {those}"
     else:
         none = "it meets no stated limit nominally" if limited else "no limit is stated"
         reach = "safely and reach what the nominal run reaches"
@@ -273,8 +273,8 @@ def _held(
             return f"{which} does not hold: it meets no stated limit.{left} {ends}"
         if kept >= ENOUGH:
             return f"{which} holds: all {ENOUGH} {runs} end {reach} ({none})."
-        keeps = f"{kept} of {ENOUGH} {runs} end {reach} ({none})"
-    return f"{which} does not hold: {keeps}.{left}"
+        keeps = f"end {reach} ({none})"
+    return f"{which} does not hold in {ENOUGH - kept} of {ENOUGH} {runs}: {kept} {keeps}.{left}"
 
 
 def _perturbed(scenario: Scenario) -> str:
@@ -301,7 +301,7 @@ def robust(found: RobustResult, scenario: Scenario, nominal: Experiment | None =
     if found.won is not None:
         yield _tell_winner(found.won, found, scenario)
     if found.kept < ENOUGH:
-        none = "None of the simulated θ was found to do so in more of the same runs, beyond chance."
+        none = "None of the simulated θ was found to hold in more of the same runs, beyond chance."
         yield _more_often(found, scenario) if found.most else none
     yield _perturbed(scenario)
     missed = nominal is not None and any(k.met_by(nominal) is False for k in scenario.kpis)
@@ -328,7 +328,7 @@ def _sum_up(costs: Sequence[tuple[str, float, float]], scenario: Scenario) -> st
 
 def _tell_winner(won: Winner, found: RobustResult, scenario: Scenario) -> str:
     """Return what won by the answers, in how many runs it holds, and what the result costs in its place."""
-    count = f"does so in {won.kept} of the same {ENOUGH} runs"
+    count = f"holds in {won.kept} of the same {ENOUGH} runs"
     but = "misses other stated limits as modeled" if won.kept is None else count
     # What promises most can be that one: its price is said then.
     costs = [] if won.costs in ((), found.costs) else [f"costs {_sum_up(won.costs, scenario)}"]
@@ -360,7 +360,7 @@ def _more_often(found: RobustResult, scenario: Scenario) -> str:
     read = [_read(kpis.get(name), name, *pair) for name, *pair in found.costs[:_NAMED]]
     changes = [f"{title} {theirs} (result: {ours})" for title, ours, theirs in read if ours != theirs]
     has = f"; as modeled it has {join_words(changes)}" if changes else ""
-    said = f"Another simulated θ does so in {found.most} of the same runs{has}."
+    said = f"Another simulated θ holds in {found.most} of the same runs{has}."
     if not found.other:
         return said
     start = shlex.join(["--start", typed_theta(scenario.space, found.other)])
@@ -463,7 +463,7 @@ def robust_study(
     if kept is None:
         return (f"Whether the result holds in {ENOUGH} {_runs(scenario)} was not worked out.",)
     more = [
-        f"Experiment {index + 1} does so in {count}: the study was left before it chose between them by that."
+        f"Experiment {index + 1} holds in {count}: the study was left before it chose between them by that."
         for index, count in last.items()
         if count > kept
     ]

@@ -656,8 +656,8 @@ def _written(interview: Interview, best: Path | None) -> dict[str, Any]:
         {"command": shlex.join(["prefcal", "export", str(best), "--to", word]), "what": LANGUAGES[word]}
         for word in languages_of(settings)
     ]
-    margins = tell_margins(Told.read(best.parent).margins)
-    return {"forms": pid_table(rows, str(before.get("what", ""))), "export": commands, "margins": margins}
+    forms = pid_table(rows, str(before.get("what", "")))
+    return {"forms": forms, "export": commands, "margins": margins_beside(best)}
 
 
 NOMINAL = "nominal.json"
@@ -680,6 +680,11 @@ class Told:
                 content = json.loads((folder / NOMINAL).read_text("utf-8"))
                 return from_plain(content, cls, StudyError, NOMINAL)
         return cls()
+
+
+def margins_beside(best: Path) -> str:
+    """Return the margins beside a best.json, as a sentence; "" if they are not known."""
+    return tell_margins(Told.read(best.parent).margins)
 
 
 def tell_margins(words: Sequence[str]) -> str:

@@ -283,11 +283,13 @@ class Verification:
         own, count, loop = self.tuning.nominal, len(self.runs), self.tuning.margins
         unsafe = sum(run.end is End.UNSAFE for run in self.runs)
         ended = f"; {unsafe} end unsafe" if unsafe else ""
-        kept = f"{count - len(self.failed)} of {count} runs {self.asked}{self._few}"
-        held = f"{kept}{ended}{self._where}." if count else ""
-        if self.failed:
-            where = f" beyond {self.stated}" if self.holds_as_stated else ", not even nominally"
-            said = f"Does not hold{where if self.holds_as_stated or own.problems else ''}: {held}"
+        failed = len(self.failed)
+        held = f"{self.asked}{self._few}{ended}{self._where}."
+        if failed and own.problems:
+            said = f"Does not hold, not even nominally: {count - failed} of {count} runs {held}"
+        elif failed:  # 1 of 299 is another finding than 167
+            where = f" beyond {self.stated}" if self.holds_as_stated else ""
+            said = f"Does not hold{where} in {failed} of {count} runs: {count - failed} {held}"
         elif own.problems or loop == UNSTABLE:  # nominally, which no count of varied runs says
             said = f"Does not hold: {self.words(own) if own.problems else 'the nominal loop is not stable'}."
         elif not count:
@@ -295,7 +297,8 @@ class Verification:
         else:
             holds = "Holds" if breakable(self.kpis) else "Not judged, since no limit on runs is stated"
             where = " on the plants that an input can hold" if self.unheld else ""
-            said = f"{holds}{where}{', but a stated margin is missed' if self.misses_margin else ''}: {held}"
+            missed = ", but a stated margin is missed" if self.misses_margin else ""
+            said = f"{holds}{where}{missed}: {count} of {count} runs {held}"
         said += f" {self._set_apart}." if self.unheld else ""
         if count and self.never:
             none = f"Not even the nominal run has a finite {' or '.join(self.never)}."

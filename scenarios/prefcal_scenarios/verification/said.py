@@ -93,8 +93,9 @@ class WorstRun:
         """Return the values that moved most, with four significant digits and units."""
         shown = list(self.values.items())[:_NAMED]
         words = [f"{n} {quantity(float(f'{v:.4g}'), self.units.get(n, ''))}" for n, v in shown]
-        others = len(self.values) - len(shown)
-        return ", ".join(words) + (f" and {others} other{'s' if others > 1 else ''}" if others else "")
+        others = [*self.values][_NAMED:]
+        more = f" and {len(others)} other{'s' * (len(others) > 1)} ({', '.join(others)})" if others else ""
+        return ", ".join(words) + more
 
 
 @dataclass(frozen=True, slots=True)
@@ -322,6 +323,8 @@ def _keep_margins(found: Verification, again: str, other: str) -> str:
     if kept or not found.missed_margins:
         return ""
     limits = join_words([f"{kpi.title} {limits_text(kpi)}" for kpi in found.missed_margins])
+    if other:  # its command searches on, too
+        return f"neither this tuning nor that one keeps {limits}: the same search looks for one that does"
     return f"look for a tuning that keeps {limits}: search on from this one, {again}"
 
 

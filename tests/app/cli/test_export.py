@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from prefcal_app import load_controller
+from prefcal_app.view.end import NOMINAL
 from prefcal_env import PID, Measurement
 from prefcal_env.controllers import as_data
 from prefcal_env.disk import digest_of
@@ -46,8 +47,10 @@ def test_structured_text_goes_to_a_file_or_is_printed(prefcal, best, tmp_path):
     content = json.loads((tmp_path / best).read_text())
     assumed = "Nobody stated limits of valve; 20 to 60 % is assumed."
     (tmp_path / best).write_text(json.dumps(content | {"assumed": [assumed]}))
-    for to in ("st", "c", "forms"):
-        assert f"{held} {assumed}\n" in prefcal("export", best, "--to", to)[1]
+    margins = "Margins of the nominal loop: M_s: 1.6 (before 1.7)."
+    (tmp_path / NOMINAL).write_text('{"margins": ["M_s: 1.6 (before 1.7)"]}')
+    for to, between in (("st", "\n   "), ("c", "\n   "), ("forms", " ")):  # a comment has a line for each
+        assert between.join((held, margins, assumed)) + "\n" in prefcal("export", best, "--to", to)[1]
     (tmp_path / best).write_text(json.dumps(content | {"assumed": {}}))
     assert "'assumed' in 'best.json' must be a list" in prefcal("export", best, "--to", "c")[2]
 
@@ -56,18 +59,19 @@ def test_structured_text_goes_to_a_file_or_is_printed(prefcal, best, tmp_path):
     ("headline", "said"),
     [
         (
-            "Does not hold: 3 of 9 runs keep the stated limits. M_s 1.7, required ≤ 2: kept.",
-            "Does not hold: 3 of 9 runs keep the stated limits. Verified today.",
+            "Does not hold: 3 of 9 runs keep T ±5 %. Noise alone takes moves from 4 to 26. M_s 2: kept.",
+            "Does not hold: 3 of 9 runs keep T +/-5 %.\n   Noise alone takes moves from 4 to 26.\n   "
+            "M_s 2: kept.\n   Verified today.",
         ),
         (
             "Of the plant as its files are now, not as in the study. Holds: 9 of 9 runs keep M ≤ 2. More: 2.",
-            "Of the plant as its files are now, not as in the study. Holds: 9 of 9 runs keep M <= 2. "
-            "Verified today.",
+            "Of the plant as its files are now, not as in the study.\n   Holds: 9 of 9 runs keep M <= 2.\n   "
+            "More: 2.\n   Verified today.",
         ),
-        ("Nothing can be varied", "Nothing can be varied. Verified today."),
+        ("Nothing can be varied.", "Nothing can be varied.\n   Verified today."),
     ],
 )
-def test_code_says_in_a_line_what_was_verified_of_it(prefcal, best, tmp_path, headline, said):
+def test_code_says_all_that_the_verdict_says_a_line_each(prefcal, best, tmp_path, headline, said):
     found = replace(FOUND, best=digest_of(tmp_path / best), headline=headline, at="today")
     found.write(tmp_path)
     assert f"\n   {said}\n" in prefcal("export", best, "--to", "c")[1]

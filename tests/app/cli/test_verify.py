@@ -45,7 +45,7 @@ def test_a_table_beside_the_tuning_before_with_statement_margins_and_worst_runs(
         "phase margin [°]",
         "gain margin [dB]",
         "most different from nominal, but holds: ",
-        "the unconstrained law",
+        "the sampled loop",
         "What hurts most, one at a time:",
         "Worst runs:",
         "what varied between range is time constant of 0.9 to 1.1 times the usual temperature modeled",

@@ -239,7 +239,7 @@ def test_what_was_verified_is_said_with_what_was_not():
     assert found["Margins"] == (
         "gain margin [dB]: 12 (before 8)",
         "phase margin [°]: 60 (before 44)",
-        "the unconstrained law",
+        "the sampled loop",
     )
     assert found["Other plants"] == "298 of 299 runs keep the stated limits. Stated limits: a safe end."
     assert found["Worst run"] == "settling time misses its objective (acceptable): dead time 7.1."

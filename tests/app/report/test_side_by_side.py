@@ -154,6 +154,18 @@ def test_titles_of_panels_keep_names_as_they_are_written():
     assert panel_title(Channel("rpm of x", "1/min")) == "rpm of x [1/min]"
 
 
+def test_a_band_is_a_share_of_the_target_only_where_that_is_a_plain_number():
+    bands = [(2.0, 0.06), (65.0, 0.75), (0.0, 0.5), (-4.0, 1.0), (1.0, 1.5)]
+    titles = [panel_title(Channel("T", target=target, band=band)) for target, band in bands]
+    assert [title.rpartition("target ")[2] for title in titles] == [
+        "2 ± 3 %",
+        "65 ± 0.75",
+        "0 ± 0.5",
+        "−4 ± 25 %",
+        "1 ± 1.5",
+    ]
+
+
 @pytest.mark.parametrize("draw", [figure, over_each_other])
 def test_a_slow_study_is_drawn_where_it_moves(draw):
     plant = Plant.of(

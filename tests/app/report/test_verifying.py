@@ -217,6 +217,16 @@ def test_a_relaxed_limit_takes_the_place_of_that_of_the_same_kpi_in_a_whole_comm
     assert new == f"{begin} --limit 'settling time <= 2' --limit 'most <= 12'"
 
 
+def test_limits_of_a_verification_are_stated_in_a_file_only_where_there_is_one():
+    M_s, *_ = (replace(k, at_most=2.0) for k in margin_kpis("s") if k.name == "M_s")
+    assert verifying._how_to_state("own.py:tank", ["M_s <= 2"], [M_s]) == (
+        f"; first state M_s <= 2 in the KPIs of your file (a margin as {verifying._as_code(M_s)})"
+    )
+    assert verifying._how_to_state("cstr", ["T <= 2"], [M_s]) == (
+        "; cstr takes no limits of yours: verify the result of that by the same ones"
+    )
+
+
 def test_a_margin_is_named_as_a_python_file_states_it():
     M_s, phase, *_ = (k for k in margin_kpis("s") if k.name in ("M_s", "phase_margin"))
     code = verifying._as_code(replace(M_s, at_most=1.3))

@@ -976,7 +976,7 @@ def test_a_worst_run_names_what_moved_most_within_its_range_with_units():
         "gain 1 1.01, jitter 3.082e−05, gain 0 1"
     )
     many = WorstRun("", {f"gain {k}": 1.0 for k in range(10)}, 3)
-    assert many.text.endswith("gain 7 1 and 2 others")
+    assert many.text.endswith("gain 7 1 and 2 others (gain 8, gain 9)")
     assert WorstRun("", {"dead time": 7.1}, 3).text == "dead time 7.1"
 
 
