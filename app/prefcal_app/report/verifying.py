@@ -81,25 +81,16 @@ def verify_best(
     if tuning.scenario.source.asks:
         found = unvaried(tuning.scenario, tuning.theta, tuning)
     else:
-        found = verify(
-            tuning.scenario,
-            tuning.theta,
-            runs,
-            start=tuning.before,
-            seed=seed,
-            noise=tuning.seed,
-            ranges=ranges,
-            jobs=jobs,
-            timeout=timeout,
-            progress=progress,
-        )
+        varied = partial(verify, jobs=jobs, timeout=timeout, progress=progress, ranges=ranges)
+        seeds = {"seed": seed, "noise": tuning.seed}
+        found = varied(tuning.scenario, tuning.theta, runs, start=tuning.before, **seeds)
     command = partial(command_of, best=str(best), more=_options_of(runs, ranges))
     titles = {kpi.title: kpi.name for kpi in found.kpis}
     found = replace(found, anew=lambda seed, wanted: command(seed, join_limits(limits, wanted, titles)))
     said = _put_in_words(found, tuning, best, limits, f"{clock(UTC):%Y-%m-%d %H:%M} UTC")
     told = said.statement + _tell_apart(found, own) * tuning.robust
-    said = _offering(replace(said, statement=told, limits=limits, ranges=ranges), found, own, command)
-    said = _with_earlier(said, _there(best.parent))
+    said = replace(said, statement=told, limits=limits, ranges=ranges)
+    said = _with_earlier(_offering(said, found, own, command), _there(best.parent))
     _keep(said, found, tuning, best, timeout)
     return said
 
