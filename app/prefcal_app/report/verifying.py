@@ -81,9 +81,9 @@ def verify_best(
     if tuning.scenario.source.asks:
         found = unvaried(tuning.scenario, tuning.theta, tuning)
     else:
-        varied = partial(verify, jobs=jobs, timeout=timeout, progress=progress, ranges=ranges)
-        seeds = {"seed": seed, "noise": tuning.seed}
-        found = varied(tuning.scenario, tuning.theta, runs, start=tuning.before, **seeds)
+        vary = partial(verify, jobs=jobs, timeout=timeout, progress=progress, ranges=ranges)
+        vary = partial(vary, start=tuning.before, seed=seed, noise=tuning.seed)
+        found = vary(tuning.scenario, tuning.theta, runs)
     command = partial(command_of, best=str(best), more=_options_of(runs, ranges))
     titles = {kpi.title: kpi.name for kpi in found.kpis}
     found = replace(found, anew=lambda seed, wanted: command(seed, join_limits(limits, wanted, titles)))
