@@ -73,8 +73,7 @@ def verify_best(
             scenario can vary.
     """
     tuning = _verifiable(best)
-    if tuning.own and timeout is None:
-        timeout = DEFAULT_LIMIT
+    timeout = DEFAULT_LIMIT if tuning.own and timeout is None else timeout
     runs, limits, ranges, seed = _fill_in(best.parent, runs, limits, ranges, seed)
     tuning, own = _add_limits(tuning, limits, timeout), tuning.scenario.kpis
     if tuning.scenario.source.asks:
@@ -97,8 +96,8 @@ def verify_best(
     found = replace(found, anew=lambda seed, wanted: command(seed, join_limits(limits, wanted, titles)))
     said = _put_in_words(found, tuning, best, limits, f"{clock(UTC):%Y-%m-%d %H:%M} UTC")
     told = said.statement + _tell_apart(found, own) * tuning.robust
-    said = _offering(replace(said, statement=told, limits=limits, ranges=ranges), found, own, command)
-    said = _with_earlier(said, _there(best.parent))
+    said = replace(said, statement=told, limits=limits, ranges=ranges)
+    said = _with_earlier(_offering(said, found, own, command), _there(best.parent))
     _keep(said, found, tuning, best, timeout)
     return said
 
