@@ -108,6 +108,11 @@ class RobustResult:
     losses: tuple[tuple[str, int], ...] = ()
     won: Winner | None = None
 
+    @property
+    def told(self) -> bool:
+        """Return whether what won by the answers says what robustness costs."""
+        return self.won is not None and self.won.kept is not None
+
 
 def reason_for(stage: Stage, new: int, best: int, history: History) -> Reason:
     """Return why row `new` of the bank is compared with row `best`."""
@@ -403,9 +408,9 @@ def _robustness(agent: Screening, stage: Stage, past: History, best: int) -> Rob
         top = rows[counts.argmax()]
         if holds_more(simulations.runs_kept(bank.thetas[top]), runs):
             return replace(found, most=int(counts.max()), **_compare_with(stage, past, best, int(top)))
-        if not holds_more(runs, simulations.runs_kept(bank.thetas[rival])):
+        if found.told or not holds_more(runs, simulations.runs_kept(bank.thetas[rival])):
             return found
-    if rival == best or found.outdone or simulations.held(bank, np.array([rival]))[0]:
+    if rival == best or found.outdone or found.told or simulations.held(bank, np.array([rival]))[0]:
         return found
     theta = bank.thetas[rival]
     losses = simulations.losses(theta, range(1, ENOUGH + 1))

@@ -2,7 +2,6 @@
 
 import json
 import shlex
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -160,18 +159,15 @@ def _begin_another(tuning: BestTuning, best: Path, limits: Sequence[str]) -> str
 
 
 def _tell_apart(found: Verification, own: Sequence[KPI]) -> str:
-    """Return why a robust study, whose KPIs are `own`, counted otherwise, and what fails here."""
+    """Return why a robust study, whose KPIs are `own`, counted otherwise than a verification."""
     others, limited = robustly(found.factors, own)[1], bool(breakable(own))
     kinds = {factor.kind for factor in others}
     names = [f.name for f in others] if limited else [words for k, words in BEYOND.items() if k in kinds]
-    said = f" The robust study counted other draws{f', without {join_words(names)}' if names else ''}"
-    lost = Counter(problem for run in found.failed for problem in run.problems).most_common()
-    if not lost:
-        return f"{said}." if found.runs else ""
+    without = f", without {join_words(names)}" if names else ""
     turned = sum(any(run.values[f.name] != f.nominal for f in others) for run in found.failed)
-    these = f"; {turned} of the {len(found.failed)} runs that fail here have that turned"
-    missed = ", ".join(f"{problem} in {count}" for problem, count in lost)
-    return f"{said}{these if limited and names else ''}; what fails here: {missed}."
+    these = f": {turned} of the {len(found.failed)} failures have that turned" if limited and names else ""
+    said = f" The robust study counted other draws{without}{these if found.failed else ''}."
+    return said if found.runs else ""
 
 
 def _put_in_words(

@@ -300,20 +300,21 @@ def robust(found: RobustResult, scenario: Scenario, nominal: Experiment | None =
     yield _held(found.kept, "The result", scenario, nominal, outdone=found.outdone)
     if found.won is not None:
         yield _tell_winner(found.won, found, scenario)
-    if found.kept < ENOUGH:
+    if found.kept == ENOUGH:
+        yield _perturbed(scenario)
+    else:
         none = "None of the simulated θ was found to hold in more of the same runs, beyond chance."
         yield _more_often(found, scenario) if found.most else none
-    yield _perturbed(scenario)
     missed = nominal is not None and any(k.met_by(nominal) is False for k in scenario.kpis)
-    if found.outdone or missed or found.most:
-        return  # what misses limits as modeled has no price, nor does what holds in fewer runs than another
+    if found.outdone or missed or found.most or found.told:
+        return  # what misses limits as modeled has no price, nor what another does better; one is enough
     limited = found.among and any(k.met(0.0) is not None for k in scenario.kpis)
     if found.costs and (found.kept == ENOUGH or found.others_kept is not None):
         those = ", of what keeps the stated limits," if limited else ""
         which = f" ({typed_theta(scenario.space, found.other)})" if found.other else ""
         costs, fails = _sum_up(found.costs, scenario), _fails(found, scenario)
         yield f"Robustness costs {costs}: what promises most nominally{those} does not hold{which}{fails}."
-    elif found.kept == ENOUGH and found.won is None:
+    elif found.kept == ENOUGH:
         those = "keeps the stated limits nominally but does" if limited else "does"
         yield f"Robustness costs nothing: no simulated θ that {those} not hold promises more."
 
@@ -330,8 +331,7 @@ def _tell_winner(won: Winner, found: RobustResult, scenario: Scenario) -> str:
     """Return what won by the answers, in how many runs it holds, and what the result costs in its place."""
     count = f"holds in {won.kept} of the same {ENOUGH} runs"
     but = "misses other stated limits as modeled" if won.kept is None else count
-    # What promises most can be that one: its price is said then.
-    costs = [] if won.costs in ((), found.costs) else [f"costs {_sum_up(won.costs, scenario)}"]
+    costs = [f"costs {_sum_up(won.costs, scenario)}"] if won.costs else []
     several, numbers = len(won.overruled) > 1, join_words([str(k + 1) for k in won.overruled])
     if won.overruled:
         costs.append(f"overrules the answer{'s' * several} about experiment{'s' * several} {numbers}")
@@ -541,8 +541,10 @@ def _few_left(found: Findings) -> str:
 
 def offer(found: Findings) -> str:
     """Return the offer to stop; empty if there is a reason to continue."""
-    chance = chance_left(found)
-    return f"{promise(found)} Stop here, or go on?" if chance is not None and chance < UNLIKELY else ""
+    # The certificate's chance holds for people unlike the draws, too; `chance_left` is that.
+    chance = found.chance_of_better if found.certificate is None else found.certificate.chance
+    unlikely = chance is not None and chance < UNLIKELY and found.chance_of_better is not None
+    return f"{promise(found)} Stop here, or go on?" if unlikely else ""
 
 
 def chance_left(found: Findings) -> float | None:

@@ -285,14 +285,16 @@ def run_again(
     Or why there are none: nobody waits for runs that take long, as `clock` tells in seconds.
     """
     made: list[list[Simulated]] = [[] for _ in thetas]
-    begun = clock()
+    begun = 0.0
     for count, other in enumerate(other_seeds(seed), start=1):
         for theta, runs in zip(thetas, made, strict=True):
             try:
                 runs.append(Simulated.of(check_returned(source.run(theta.copy(), seed=other))))
             except Exception as error:  # people's own code can raise anything
                 return f"a run failed: {error}"
-        if count > 1 and (clock() - begun) * DRAWS > _PATIENCE * count:  # the first one may compile
+        if count == 1:
+            begun = clock()  # the first one may compile, and so says nothing of the others
+        elif (clock() - begun) * DRAWS > _PATIENCE * (count - 1):
             return f"{len(thetas) * DRAWS} runs take more than {_PATIENCE:.0f} s: prefcal verify makes them"
     return made
 

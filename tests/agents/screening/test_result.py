@@ -288,6 +288,7 @@ def test_what_won_by_the_answers_is_named_with_what_the_result_costs_and_overrul
         lost = [v.challenger for v in agent.history.verdicts() if v.loser == agent.best_index]
         assert [*found.won.overruled] == sorted(lost)
         assert agent.best_index in lost, "it lost when it was shown"
+        assert (found.costs, found.others_kept) == ((), None), "one price is enough"
     other = everything(studied(Limited(), start=[[0.95, 0.5]], n_max=3)).robustness
     assert other.won.kept is None, "it misses a limit that the result keeps"
 

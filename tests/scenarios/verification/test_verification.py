@@ -301,7 +301,10 @@ def test_what_varies_says_in_words_of_what_it_is_a_share_and_which_load_and_step
         assert units[name] == "times the stated"
     assert units["noise"] == "of the step (standard deviation)"
     # Half of the time is at 266.2 s, and the controller moves every second.
-    assert factors["size of the load"].told == "usual, load of 5 % on valve at 267 s"
+    assert (
+        factors["size of the load"].told
+        == "usual, load of 5 % on valve, which its dead time does not delay, at 267 s"
+    )
     assert factors["size of the step"].told == (
         "usual, step of temperature by 10 °C at the start; alone: targets from 48 to 52 °C"
     )
