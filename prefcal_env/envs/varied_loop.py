@@ -143,8 +143,8 @@ def sample_of(plant: Plant) -> Ensemble | None:
     return getattr(own, "sample", None)
 
 
-def has_own_numbers(plant: Plant) -> bool:
-    """Return whether a plant is made of equations with numbers that nobody else can see."""
+def hides_numbers(plant: Plant) -> bool:
+    """Return whether a plant is made of equations in code, whose numbers nobody else can see."""
     own = plant.plant if isinstance(plant, Disturbed) else plant
     return not isinstance(own, LinearPlant) and _matrices(own) is None and not any(_numbers(own))
 
@@ -470,7 +470,7 @@ class VariedLoop:
             (LOAD, "none acts: no disturbance of the task changes"): self._loaded,
             (JITTER, "a period has one length here"): self.jitters,
             (INSIDE, "prefcal cannot see them: of a plant that is a dataclass each number varies"): not (
-                has_own_numbers(self.plant)
+                hides_numbers(self.plant)
             ),
         }
         loads = ((name, why) for name, size in _LOADS if (why := self._beyond_load(size)))
@@ -551,18 +551,15 @@ class VariedLoop:
         )
 
     @property
-    def _entering(self) -> tuple[float, ...]:
-        """Return the dead times of the inputs, which loads on them do not have."""
-        return tuple(np.ravel(getattr(self.plant, "input_delay", ())))
-
-    @property
     def _acting(self) -> str:
         """Return in words which loads act, how large each is at most, and from when on."""
         times, said = _times(self.task.d, self.task), list[str]()
+        delays = np.broadcast_to(getattr(self.plant, "input_delay", 0.0), len(self.plant.inputs)).tolist()
+        late = {c.name for c, delay in zip(self.plant.inputs, delays, strict=True) if delay}
         for c, load in zip(self.plant.disturbances, self._loads.T, strict=True):
             if load.any():
                 name, size = c.name.removeprefix(ADDED), _in(load[np.abs(load).argmax()], c)
-                behind = ", which its dead time does not delay," if any(self._entering) else ""
+                behind = ", which its dead time does not delay," if name in late else ""
                 what = f"load of {size} on {name}{behind}" if name != c.name else f"{name} by {size}"
                 said.append(f"{what} {self._since(times[int(load.nonzero()[0][0])], self.task.d)}")
         return ", ".join(said)

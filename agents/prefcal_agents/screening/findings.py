@@ -49,7 +49,7 @@ class Reason:
         worse_in: Names of those in which it is worse, likewise.
         kept: In a robust study, how many of `ENOUGH` perturbed runs keep the limits.
         against: How many of those of the best so far do.
-        noticed: Smallest difference of each KPI that one in ten of those people notices whom the answers fit.
+        noticed: Smallest difference of each KPI that a tenth of the people notice, of those whom answers fit.
     """
 
     chance: float
@@ -109,7 +109,7 @@ class RobustResult:
     won: Winner | None = None
 
     @property
-    def told(self) -> bool:
+    def winner_has_price(self) -> bool:
         """Return whether what won by the answers says what robustness costs."""
         return self.won is not None and self.won.kept is not None
 
@@ -408,9 +408,14 @@ def _robustness(agent: Screening, stage: Stage, past: History, best: int) -> Rob
         top = rows[counts.argmax()]
         if holds_more(simulations.runs_kept(bank.thetas[top]), runs):
             return replace(found, most=int(counts.max()), **_compare_with(stage, past, best, int(top)))
-        if found.told or not holds_more(runs, simulations.runs_kept(bank.thetas[rival])):
+        if found.winner_has_price or not holds_more(runs, simulations.runs_kept(bank.thetas[rival])):
             return found
-    if rival == best or found.outdone or found.told or simulations.held(bank, np.array([rival]))[0]:
+    if (
+        rival == best
+        or found.outdone
+        or found.winner_has_price
+        or simulations.held(bank, np.array([rival]))[0]
+    ):
         return found
     theta = bank.thetas[rival]
     losses = simulations.losses(theta, range(1, ENOUGH + 1))

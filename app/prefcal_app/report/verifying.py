@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from prefcal_app.view.end import Told
 from prefcal_env.disk import digest_of
 from prefcal_env.errors import ScenarioError, StaleError
 from prefcal_env.experiments.experiment import End
@@ -277,7 +278,9 @@ def _keep(said: Verified, found: Verification, tuning: BestTuning, best: Path, t
     if beside:
         return
     both = [each.margins for each in (found.tuning, found.before) if each]
-    keep_loop(best.parent, tuning.scenario, both, found.redrawn)
+    # One that was interrupted may lack these runs, which the end of the study had.
+    noise = found.with_other_noise or Told.read(best.parent).noise
+    keep_loop(best.parent, tuning.scenario, both, noise)
     for stale in best.parent.glob("worst_run_*.png"):
         stale.unlink(missing_ok=True)
     with suppress(Exception):  # what cannot run again has no picture

@@ -306,7 +306,7 @@ def robust(found: RobustResult, scenario: Scenario, nominal: Experiment | None =
         none = "None of the simulated θ was found to hold in more of the same runs, beyond chance."
         yield _more_often(found, scenario) if found.most else none
     missed = nominal is not None and any(k.met_by(nominal) is False for k in scenario.kpis)
-    if found.outdone or missed or found.most or found.told:
+    if found.outdone or missed or found.most or found.winner_has_price:
         return  # what misses limits as modeled has no price, nor what another does better; one is enough
     limited = found.among and any(k.met(0.0) is not None for k in scenario.kpis)
     if found.costs and (found.kept == ENOUGH or found.others_kept is not None):

@@ -533,13 +533,13 @@ def tell_noise(rows: Sequence[Mapping[str, Any]], noise: Redrawn | str) -> str:
         return ""
     first = "All experiments share one draw of the sensor noise."
     if isinstance(noise, str):
-        return f"{first} Whether others change the result is not known: {noise}."
+        return f"{first} Others were not tried at the end of the study: {noise}."
     changed = any(row["verdict"] for row in rows) and any(len(row) > 3 for row in noise.rows)
     within = [f"{r['title']} ({noise.unsteady[r['title']]})" for r in rows if r["verdict"] == WITHIN_NOISE]
     draws = f"{DRAWS} others"
     if noise.lacking:
         first, draws = f"The runs that were compared are without {noise.lacking}.", f"{DRAWS} draws of it"
-    said = f" Of {draws}, at least {STEADY} confirm each “better” and “worse” above."
+    said = f" Of {draws}, at least {STEADY} confirm each “better” and “worse” that is measured in a run."
     but = f" Within the noise: {join_words(within)}." if within else ""
     return " ".join([f"{first}{said}{but}" if changed else first, *map(sentence, noise.remarks)])
 

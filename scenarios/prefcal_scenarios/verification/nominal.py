@@ -246,9 +246,8 @@ class Redrawn:
 class Noise:
     """Noise of the sensors of a simulated loop, of which each seed has another draw."""
 
-    values: Values = field(
-        default_factory=dict
-    )  # values of factors with which runs have it, if not as they are
+    # Values of factors with which runs have it; none if the runs of a study have it
+    values: Values = field(default_factory=dict)
     lacking: str = ""  # what the runs of a study lack then, in words
 
 

@@ -182,7 +182,7 @@ class Verification:
         return [self.tuning] if self.before is None else [self.tuning, self.before]
 
     @property
-    def redrawn(self) -> Redrawn:
+    def with_other_noise(self) -> Redrawn:
         """Return what KPIs are with other draws of the sensor noise."""
         known = [t for t in self.both if len(t.draws) == DRAWS]
         own, drawn = [t.nominal for t in known], [t.draws for t in known]

@@ -189,7 +189,7 @@ class Verified:
             apart=len(found.unheld),
             holds=found.holds,
             keeps_margins=found.keeps_margins,
-            noise=found.redrawn,
+            noise=found.with_other_noise,
             outside=_explain_outside(found),
         )
 

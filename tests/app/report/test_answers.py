@@ -187,8 +187,8 @@ def test_other_draws_of_the_noise_stand_on_the_sheet_before_and_after_verificati
         assert shown == pytest.approx([np.median(values), min(values), max(values)], rel=1e-2, abs=0.01)
     assert numbers[6] == sum(b < a for a, b in zip(*overshoots, strict=True))
     verified = verify(lag, new, 2, start=old, noise=3, jobs=1)
-    assert replace(FOUND, noise=verified.redrawn).noise.texts == told
-    assert dict(verified_answers(replace(FOUND, noise=verified.redrawn)))["Other noise"] == told
+    assert replace(FOUND, noise=verified.with_other_noise).noise.texts == told
+    assert dict(verified_answers(replace(FOUND, noise=verified.with_other_noise)))["Other noise"] == told
     assert "Other noise" not in dict(verified_answers(FOUND))
     assert "Other noise" not in dict(unverified(toy_record()))
 

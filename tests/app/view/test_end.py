@@ -119,7 +119,8 @@ def test_a_change_within_the_noise_is_neither_a_gain_nor_a_cost():
     assert [row["cells"][3]["text"] for row in shown["table"]["rows"]] == ["better", "within noise", ""]
     assert tell_noise(rows, NOISE) == (
         "All experiments share one draw of the sensor noise. Of 20 others, at least 19 confirm each “better” "
-        "and “worse” above. Within the noise: a (better with 12 of 20). B ≤ 2 is kept with 18 of 20 draws."
+        "and “worse” that is measured in a run. Within the noise: a (better with 12 of 20). "
+        "B ≤ 2 is kept with 18 of 20 draws."
     )
 
 
@@ -127,14 +128,14 @@ def test_without_noise_nothing_is_said_of_it_and_what_is_not_known_has_its_reaso
     rows = [{"title": "a", "verdict": "better"}]
     assert tell_noise(rows, Redrawn()) == tell_noise(rows, "") == ""
     assert tell_noise(rows, "40 runs take more than 20 s") == (
-        "All experiments share one draw of the sensor noise. Whether others change the result is not known: "
+        "All experiments share one draw of the sensor noise. Others were not tried at the end of the study: "
         "40 runs take more than 20 s."
     )
     first = "All experiments share one draw of the sensor noise."
     lacking = replace(NOISE, lacking="the noise of step.csv, 0.4 °C", unsteady={}, remarks=())
     assert tell_noise(rows, lacking) == (
         "The runs that were compared are without the noise of step.csv, 0.4 °C. Of 20 draws of it, at least "
-        "19 confirm each “better” and “worse” above."
+        "19 confirm each “better” and “worse” that is measured in a run."
     )
     assert tell_noise([{"title": "a", "verdict": ""}], replace(NOISE, remarks=())) == first
     assert tell_noise(rows, Redrawn((("a [s]", "1 (0 to 3)"),))) == first  # the result is the first one
@@ -146,7 +147,7 @@ def test_what_is_told_of_noise_stands_below_what_was_gained(tmp_path):
     gain = over(tmp_path)[2]["gain"]
     assert gain["noise"].endswith("B ≤ 2 is kept with 18 of 20 draws.")
     (tmp_path / NOMINAL).write_text(json.dumps({"noise": "a run failed"}))
-    assert over(tmp_path)[2]["gain"]["noise"].endswith("is not known: a run failed.")
+    assert over(tmp_path)[2]["gain"]["noise"].endswith("at the end of the study: a run failed.")
     assert Told.read(None) == Told.read(tmp_path / "none") == Told()
 
 

@@ -168,16 +168,16 @@ def test_a_verification_makes_the_same_runs_for_the_result_and_the_tuning_before
     found = verify(lag, thetas[0], 2, start=thetas[1], noise=4, jobs=1)
     drawn = run_again(lag.source, thetas, 4)
     own = [Simulated.of(lag.run(theta, seed=4)) for theta in thetas]
-    assert found.redrawn == compare_draws(lag.kpis, own, drawn, found.tuning.time_unit)
+    assert found.with_other_noise == compare_draws(lag.kpis, own, drawn, found.tuning.time_unit)
     values = [each.kpis["overshoot"] for each in drawn[0]]
     assert [run.kpis["overshoot"] for run in found.tuning.draws] == values
     assert len(found.runs) == 2
-    assert [len(row) for row in found.redrawn.rows] == [4] * len(found.redrawn.rows)
+    assert [len(row) for row in found.with_other_noise.rows] == [4] * len(found.with_other_noise.rows)
 
 
 def test_runs_that_were_interrupted_say_nothing_of_noise():
     lag = load("lag")
     found = verify(lag, lag.space.decode(np.full(len(lag.space), 0.5)), 2, jobs=1)
     cut = replace(found, tuning=replace(found.tuning, draws=found.tuning.draws[:5]))
-    assert found.redrawn
-    assert not cut.redrawn
+    assert found.with_other_noise
+    assert not cut.with_other_noise

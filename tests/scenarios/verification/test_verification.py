@@ -305,6 +305,12 @@ def test_what_varies_says_in_words_of_what_it_is_a_share_and_which_load_and_step
         factors["size of the load"].told
         == "usual, load of 5 % on valve, which its dead time does not delay, at 267 s"
     )
+    # Only a dead time of the input that it acts on is one that it does not have.
+    behind = Plant.of(
+        ([0.8], [160.0, 1.0]), output_delay=9.0, inputs=["valve"], outputs=[Channel("T", target=5.0)]
+    )
+    (load_,) = (f for f in found(pid_scenario(behind)).factors if f.name == "size of the load")
+    assert "dead time" not in load_.told
     assert factors["size of the step"].told == (
         "usual, step of temperature by 10 °C at the start; alone: targets from 48 to 52 °C"
     )
